@@ -34,7 +34,7 @@ from pinwm_drake.errors import InputError
 
 PACKAGE_NAME = "pinwm_models"
 _ROOT = Path(__file__).resolve().parent
-_SCHEME, _POLICIES = "package://", "policies"
+_SCHEME, _POLICIES, _TWINS = "package://", "policies", "twins"
 SCENARIO_SUFFIX = ".scenario.yaml"
 
 OBJECT_NAMES = ("t_block", "large_t", "cube", "mug", "mug_handle")
@@ -78,7 +78,16 @@ def object_model(name: str) -> ObjectModel:
 
 def shipped_policies() -> list[str]:
     """Names of the policies that ship with pinwm_drake, sorted."""
-    folder = _ROOT / _POLICIES
+    return _folders(_POLICIES)
+
+
+def shipped_twins() -> list[str]:
+    """Names of the twins that ship with pinwm_drake, sorted."""
+    return _folders(_TWINS)
+
+
+def _folders(name: str) -> list[str]:
+    folder = _ROOT / name
     return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
 
 
@@ -98,13 +107,14 @@ def policy_path(text: str) -> Path:
     """
     path = _named(_POLICIES, text)
     if not path.is_dir():
-        raise InputError(text, allowed=f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}")
+        allowed = f"a folder, or one of {', '.join(shipped_policies()) or 'none that ship'}"
+        raise InputError(text, value="no such policy", allowed=allowed)
     return path
 
 
 def twin_path(text: str | Path) -> Path:
     """Return the folder of a twin: that of a name that ships, such as "t_block", else the path as it is, unchecked."""
-    return _named("twins", text)
+    return _named(_TWINS, text)
 
 
 def capture_path(text: str | Path) -> Path:

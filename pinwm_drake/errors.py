@@ -52,7 +52,8 @@ class SolverError(PinwmError):
 class InputError(PinwmError):
     """A file or folder cannot be used.
 
-    The message is composed as `PATH, row ROW: got VALUE; allowed: ALLOWED`, without what is unknown.
+    The message is composed as `PATH, row ROW: got VALUE; allowed: ALLOWED`, without what is unknown. A value that
+    begins with "no", such as "no such file", stands without "got".
 
     Attributes:
         path: The file or folder.
@@ -83,6 +84,8 @@ class InputError(PinwmError):
         self.allowed = allowed
         where = self.path if row is None else f"{self.path}, row {row}"
         found = "" if value is None else f"got {value}; "
+        if found.lower().startswith("got no "):  # it says what happened, and is no value that was given
+            found = f"no {found[7:]}"
         super().__init__(f"{where}: {found}allowed: {allowed}")
 
     def __reduce__(self) -> tuple[Any, ...]:

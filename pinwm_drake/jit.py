@@ -8,6 +8,7 @@ are hashed when the first kernel module is imported, and all cached kernels of a
 
 import contextlib
 import hashlib
+import logging
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -16,9 +17,15 @@ from typing import Any
 
 import numba
 from numba import njit, types
-from numba.core import codegen
+from numba.core import codegen, event
 from numba.core.compiler_lock import global_compiler_lock
 
+COMPILING = "compiling kernels: about a minute and a half of CPU, cached afterwards"
+"""Line that a process logs once when it begins to compile; measured: 93 s of CPU."""
+_log = logging.getLogger(__name__)
+_WORKER = "PINWM_THREADS"  # `threads.LIMIT`: set in processes that are one of several, whose parent tells for all
+entries: list[Any] = []
+"""Dispatchers of the entry points of all modules that are loaded."""
 # Releases whose compiler has the private parts that are replaced below; pyproject.toml says the same.
 NUMBA = "0.68"
 _PACKAGE = Path(__file__).resolve().parent
@@ -82,6 +89,31 @@ def require_numba(version: str) -> None:
 require_numba(numba.__version__)
 forget_stale_kernels()
 
+
+class _Announcer(event.Listener):  # type: ignore[misc]
+    """Listener that logs `COMPILING` once, when a kernel is compiled that is not in the cache."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def on_start(self, event: Any) -> None:
+        function = getattr(event.data.get("dispatcher"), "py_func", None)
+        if str(getattr(function, "__module__", "")).partition(".")[0] == "pinwm_drake":
+            self.tell()
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+    def tell(self) -> None:
+        if not self._told and _WORKER not in os.environ:
+            _log.warning(COMPILING)
+        self._told = True
+
+
+announcer = _Announcer()
+event.register("numba:compile", announcer)
+
+
 _WHOLE = (codegen.JITCPUCodegen._library_class, codegen.JITCPUCodegen.set_env)
 
 
@@ -141,6 +173,8 @@ def _compiled(part: type | None = _Part, **options: Any) -> Callable[[Callable],
         dispatcher = njit(**options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT
             return function
+        if part is None:
+            entries.append(dispatcher)
         resolve, compile_ = dispatcher.get_call_template, dispatcher.compile
 
         def get_call_template(args: tuple, kws: dict) -> Any:

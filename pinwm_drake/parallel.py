@@ -126,8 +126,8 @@ class Executor:
                     continue
                 one: Any = returned if store is None else store.read(items[k])
                 if one is None and store is not None:
-                    allowed = "allowed: a folder that workers and driver share"
-                    raise ParameterError(f"store: got none of {items[k]}'s results; {allowed}")
+                    advice = "use a folder that all machines share"
+                    raise ParameterError(f"store: the result of {items[k]} did not arrive in it; {advice}")
                 found[k] = one
                 on_result(items[k], one)
         if len(errors) > 1:
@@ -146,10 +146,10 @@ class Executor:
             else:
                 yield from _here(work, items, order)
         except _WorkerEnded as error:
-            kept = "" if work.store is None else "what is done is kept: go on with --resume, and "
+            again = "start again" if work.store is None else "what is done is kept: go on with --resume"
             raise ParameterError(
-                f"{self.option}: got {workers}, of which one ended by itself, perhaps for want of memory; "
-                f"{kept or 'allowed: '}fewer of them"
+                f"{self.option}: one of {workers} processes ended by itself, perhaps for want of memory; "
+                f"{again}, with fewer {self.option}"
             ) from error
 
 
@@ -168,7 +168,7 @@ def _order(items: Mapping[int, Item], needs: Callable[[Item], Iterable[Item]]) -
 
 
 def _pass(order: _Order, done: Mapping[int, Any]) -> None:
-    """Lets those begin that need nothing but what is done."""
+    """Let those begin that need nothing but what is done."""
     order.done(*(k for k, result in done.items() if not isinstance(result, _Failed)))
 
 

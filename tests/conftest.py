@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import math
 import os
 import sys
 from collections.abc import Callable
@@ -6,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pinwm_drake.cli import main
+from pinwm_drake.cli import console, main
 
 # Before torch is imported, here and in the processes that tests start: of two workers with two threads of OpenMP each,
 # all spin while they wait for each other, and small networks took up to twenty times as long.
@@ -21,6 +22,7 @@ def pinwm(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["pinwm", *arguments])
+        monkeypatch.setattr(console, "_FIRST", math.inf)  # no line on progress, however slow the machine is
         try:
             main()
             code = 0

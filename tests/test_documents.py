@@ -74,5 +74,5 @@ def test_places_begin_with_that_of_the_entry_and_all_problems_are_told(tmp_path)
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"nothing\.bin: got No such file"):
+    with pytest.raises(InputError, match=r"nothing\.bin: no such file"):
         read_bytes(tmp_path / "nothing.bin")

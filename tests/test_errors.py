@@ -13,6 +13,12 @@ from pinwm_drake import errors
         ({"allowed": "a folder"}, "a.csv: allowed: a folder"),
         ({"row": 3, "value": "nan", "allowed": "finite"}, "a.csv, row 3: got nan; allowed: finite"),
         ({"value": 0, "allowed": "1 or more"}, "a.csv: got 0; allowed: 1 or more"),
+        ({"value": "no such file", "allowed": "a mesh"}, "a.csv: no such file; allowed: a mesh"),
+        (
+            {"value": "No such file or directory", "allowed": "a mesh"},
+            "a.csv: no such file or directory; allowed: a mesh",
+        ),
+        ({"value": "normal", "allowed": "a mesh"}, "a.csv: got normal; allowed: a mesh"),
     ],
 )
 def test_input_error_composes_its_message(parts, message):

@@ -46,7 +46,7 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path, under):
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):
     with (
-        pytest.raises(InputError, match=r"a\.csv: got No such file or directory"),
+        pytest.raises(InputError, match=r"a\.csv: no such file or directory"),
         replacing(tmp_path / "missing/a.csv") as temporary,
     ):
         temporary.write_text("")

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: MIT
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from packaging.requirements import Requirement
 
+from pinwm_drake import jit
 from pinwm_drake.errors import VersionError
 from pinwm_drake.jit import NUMBA, forget_stale_kernels, require_numba
 
@@ -47,3 +49,24 @@ def test_cached_kernels_go_when_a_kernel_source_changes(tmp_path):
     source.write_text("from pinwm_drake.jit import kernel  # two\n")
     assert forget_stale_kernels(tmp_path)
     assert not cached.exists()
+
+
+def test_only_kernels_and_their_cache_count_as_sources_of_kernels():
+    package = Path(jit.__file__).parent
+    sources = {
+        path.relative_to(package).parts[0] for path in package.rglob("*.py") if b"pinwm_drake.jit" in path.read_bytes()
+    }
+    assert sources <= {"jit.py", "kernel_cache.py", "geometry", "physics", "rendering", "paper"}
+
+
+def test_compiling_is_announced_once(caplog, monkeypatch):
+    monkeypatch.delenv("PINWM_THREADS", raising=False)
+    announcer = jit._Announcer()
+    for module in ("somebody.else", "pinwm_drake.geometry.entry", "pinwm_drake.physics.kernels.rollout"):
+        function = SimpleNamespace(py_func=SimpleNamespace(__module__=module))
+        announcer.on_start(SimpleNamespace(data={"dispatcher": function}))
+        assert len(caplog.records) == (module != "somebody.else")
+    assert caplog.messages == [jit.COMPILING]
+    monkeypatch.setenv("PINWM_THREADS", "1")
+    jit._Announcer().tell()
+    assert len(caplog.records) == 1

@@ -195,7 +195,7 @@ def test_a_worker_that_is_killed_is_told_of_and_a_second_call_does_the_rest(stor
             os.kill(begun(store.path, 2)[0], signal.SIGKILL)
 
     function, items = partial(gate, store.path), range(6)
-    with pytest.raises(ParameterError, match=r"^--workers: got 2, of which one ended by itself.*--resume, and fewer"):
+    with pytest.raises(ParameterError, match=r"^--workers: one of 2 processes ended by itself.*--resume, with fewer"):
         Executor(workers=2).map(function, items, store=store, on_result=kill)
     assert store.items() == [0, 1]
     assert running(begun(store.path)) == []

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def align(request: AlignRequest) -> None:
-    """Fits surfels to posed images of an object: its appearance, in the frame of its mesh."""
+    """Fit surfels to posed images: the appearance of an object."""
     from rich.console import Console
 
     from pinwm_drake.experiments.alignment import align as run

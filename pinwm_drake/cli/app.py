@@ -17,7 +17,9 @@ from rich.markup import escape
 from typer.core import TyperCommand
 
 import pinwm_drake
+from pinwm_drake.cli.console import quiet
 from pinwm_drake.errors import PinwmError
+from pinwm_drake.nearest import nearest
 
 app = typer.Typer(
     name="pinwm",
@@ -36,6 +38,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "control": "pinwm control out/bundle --simulate-arm --arm --meshcat",
     "cousins": "pinwm cousins out/twin -o out/cousins --from-intervals",
     "crosscheck": "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check",
+    "doctor": "pinwm doctor; for a report of a fault: pinwm doctor --json",
     "evaluate": "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation",
     "export": "pinwm export runs/push/best out/bundle --max-speed 0.1",
     "identify": "pinwm identify capture out/twin; then: pinwm report out/twin",
@@ -115,7 +118,10 @@ def _options(
 def main() -> None:
     """Run `pinwm` on the command line and end the process with its exit code."""
     try:
-        app(prog_name="pinwm")
+        with quiet():
+            app(prog_name="pinwm")
     except PinwmError as error:
-        Console(stderr=True, soft_wrap=True).print(f"[bold red]pinwm:[/] {escape(str(error))}", highlight=False)
+        text, near = str(error), nearest(error)
+        text += f" (did you mean {near}?)" if near and "did you mean" not in text else ""
+        Console(stderr=True, soft_wrap=True).print(f"[bold red]pinwm:[/] {escape(text)}", highlight=False)
         raise SystemExit(1) from None

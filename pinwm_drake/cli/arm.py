@@ -21,7 +21,10 @@ _SLOW = 0.9  # pace, in units of real time, below which a line warns
 
 
 def arm(request: ArmRequest) -> None:
-    """Simulate an arm in real time for `pinwm control --engine lcm` in another terminal."""
+    """Simulate an arm in real time for `pinwm control`.
+
+    Start `pinwm control --engine lcm` in another terminal.
+    """
     import numpy as np
     from pydrake.systems.analysis import Simulator
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""`pinwm capture`: `check`, `refine`, and the commands that have modules of their own."""
+"""`pinwm capture`: check, refine and simulate captures, and import data of other formats."""
 
-from collections import Counter
+import re
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,10 +11,15 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from pinwm_drake.cli.capture_import import import_app
 from pinwm_drake.cli.command import add_command
-from pinwm_drake.cli.console import say, stages_bar
-from pinwm_drake.experiments.requests.captures import CheckRequest, RefineRequest
+from pinwm_drake.cli.console import Show, say, stages_bar
+from pinwm_drake.experiments.requests.captures import (
+    CheckRequest,
+    ColmapRequest,
+    NerfstudioRequest,
+    PinwmRequest,
+    RefineRequest,
+)
 from pinwm_drake.systems.runs.capture_options import SimulateCaptureRequest
 
 if TYPE_CHECKING:
@@ -21,17 +28,28 @@ if TYPE_CHECKING:
     from pinwm_drake.capture.check import CheckResult
     from pinwm_drake.capture.checks.findings import Problem
 
-_MOST = 8  # problems of one file that are shown
+_IMAGES = {".png", ".jpg", ".jpeg"}
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?")
 _STYLES = {"error": "bold red", "warning": "yellow"}
 
 
 def check(request: CheckRequest) -> None:
-    """List everything that is wrong with a capture; exits with 1 where something makes it unusable."""
+    """List everything that is wrong with a capture.
+
+    Exits with 1 where something makes it unusable. Problems with one cause share a row.
+    """
     from pinwm_drake.capture.check import check_capture
 
-    console, folder = Console(), request.folder
-    with console.status("checking") as status:
-        result = check_capture(folder, lambda part: status.update(f"checking {escape(part)}"))
+    console, folder, done = Console(), request.folder, 0
+    images = sum(path.suffix.lower() in _IMAGES and "masks" not in path.parts for path in folder.rglob("*"))
+    with stages_bar(transient=True) as show:
+
+        def progress(part: str) -> None:
+            nonlocal done
+            show("checking", min(done / (images + 1), 1.0), part)
+            done += 1
+
+        result = check_capture(folder, progress)
     if result.problems:
         console.print(_table(folder, result, request.every))
     console.print(f"{folder}: {_summary(result)}", style=_colour(result), highlight=False, markup=False, soft_wrap=True)
@@ -40,7 +58,10 @@ def check(request: CheckRequest) -> None:
 
 
 def refine(request: RefineRequest) -> None:
-    """Copy a capture and fit its mesh to the masks of the static views, where it is a few millimetres wrong."""
+    """Fit the mesh of a capture to its masks, in a copy.
+
+    It mends a mesh that is a few millimetres wrong.
+    """
     from pinwm_drake.capture.refine import refine_capture
 
     with stages_bar() as show:
@@ -55,7 +76,7 @@ def refine(request: RefineRequest) -> None:
 
 
 def simulate(request: SimulateCaptureRequest) -> None:
-    """Make a capture from Drake: a stand-in for a robot that pushes an object in front of a camera."""
+    """Make a capture in Drake, in place of a robot and a camera."""
     from pinwm_drake.systems.runs.simulated_capture import simulate_capture
 
     with stages_bar() as progress:
@@ -76,31 +97,36 @@ def _summary(result: "CheckResult") -> str:
 
 
 def _table(folder: Path, result: "CheckResult", every: bool) -> "Table":
-    """Table of the problems: errors before warnings, each with its place."""
+    """Table of the problems: errors before warnings, each with its place; those with one cause share a row."""
     from rich.table import Table
 
     table = Table("", title="Problems", show_lines=True)
     for name in ("where", "found", "allowed"):
         table.add_column(name, overflow="fold")
-    shown: Counter[str] = Counter()
-    left_out: Counter[str] = Counter()
-    for problem in sorted(result.problems, key=lambda problem: problem.severity):
-        path = problem.problem.path
-        shown[path] += 1
-        if shown[path] > _MOST and not every:
-            left_out[path] += 1
-            continue
-        table.add_row(*_row(folder, problem))
-    for path, count in left_out.items():
-        table.add_row("", escape(_short(folder, path)), f"{count} more; --all shows them", "")
+    for problems in _by_cause(result.problems, every):
+        table.add_row(*_row(folder, problems))
     return table
 
 
-def _row(folder: Path, problem: "Problem") -> list[str]:
-    error, style = problem.problem, _STYLES[problem.severity]
+def _by_cause(problems: "Sequence[Problem]", every: bool) -> "list[list[Problem]]":
+    """Problems with one cause together: what was found and is allowed is the same, but for numbers; or each alone."""
+    groups: dict[object, list[Problem]] = {}
+    for problem in sorted(problems, key=lambda problem: problem.severity):
+        error = problem.problem
+        words = (_NUMBER.sub("0", str(text)) for text in (error.value, error.allowed))
+        groups.setdefault(len(groups) if every else (problem.severity, *words), []).append(problem)
+    return list(groups.values())
+
+
+def _row(folder: Path, problems: "Sequence[Problem]") -> list[str]:
+    first, style = problems[0], _STYLES[problems[0].severity]
+    error, more = first.problem, len(problems) - 1
     where = _short(folder, error.path) + ("" if error.row is None else f", row {error.row}")
     found = "" if error.value is None else str(error.value)
-    return [f"[{style}]{problem.severity}[/]", escape(where), escape(found), escape(error.allowed)]
+    if more:
+        places = len({one.problem.path for one in problems})
+        found += f"\n{more} more like this{'' if places == 1 else f', in {places} files'}; --all shows them"
+    return [f"[{style}]{first.severity}[/]", escape(where), escape(found), escape(error.allowed)]
 
 
 def _short(folder: Path, path: str) -> str:
@@ -119,7 +145,65 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
+def nerfstudio(request: NerfstudioRequest) -> None:
+    """Import posed images in nerfstudio's or NeRF's layout."""
+    from pinwm_drake.capture.importers.nerfstudio import import_nerfstudio
+
+    scenery, similarity = request.scenery.read(), request.world.read()
+    with stages_bar(transient=True) as show:
+        views = import_nerfstudio(request.source, request.out, scenery, similarity, report=partial(_import, show))
+    _report(request.out, f"{views} static views")
+
+
+def colmap(request: ColmapRequest) -> None:
+    """Import a COLMAP model and its images.
+
+    Its cameras are PINHOLE or SIMPLE_PINHOLE ones.
+    """
+    from pinwm_drake.capture.importers.colmap import import_colmap
+
+    scenery, similarity = request.scenery.read(), request.world.read()
+    with stages_bar(transient=True) as show:
+        views = import_colmap(
+            request.source,
+            request.out,
+            scenery,
+            similarity,
+            images=request.images,
+            masks=request.masks,
+            report=partial(_import, show),
+        )
+    _report(request.out, f"{views} static views")
+
+
+def pinwm(request: PinwmRequest) -> None:
+    """Import a data set in the layout of PIN-WM's authors."""
+    from pinwm_drake.capture.importers.pinwm import import_pinwm
+
+    with stages_bar(transient=True) as show:
+        files = import_pinwm(
+            request.source,
+            request.out,
+            request.scenery.read(),
+            pusher_height=request.pusher_height,
+            camera=request.camera,
+            static=request.static,
+            report=partial(_import, show),
+        )
+    _report(request.out, ", ".join(f"episode {k:04} from {file}" for k, file in enumerate(files)))
+
+
+def _import(show: Show, share: float) -> None:
+    show("importing", share, "images")
+
+
+def _report(out: Path, contents: str) -> None:
+    say(f"wrote {out}: {contents}")
+    say(f"check it with: pinwm capture check {out}")
+
+
 capture_app = typer.Typer(name="capture", no_args_is_help=True, add_completion=False)
+import_app = typer.Typer(name="import", help="Make a capture from data in another format.", no_args_is_help=True)
 
 
 @capture_app.callback()
@@ -136,4 +220,25 @@ add_command(
     simulate,
     name="simulate",
     example="pinwm capture simulate mycapture --object mug --friction 0.2",
+)
+add_command(
+    import_app,
+    NerfstudioRequest,
+    nerfstudio,
+    name="nerfstudio",
+    example="pinwm capture import nerfstudio scan mycapture --mesh mug.obj",
+)
+add_command(
+    import_app,
+    ColmapRequest,
+    colmap,
+    name="colmap",
+    example="pinwm capture import colmap scan mycapture --mesh mug.obj --transform world.yaml",
+)
+add_command(
+    import_app,
+    PinwmRequest,
+    pinwm,
+    name="pinwm",
+    example="pinwm capture import pinwm sim_push_t mycapture --mesh cube_t.obj --pusher-mesh ee.obj",
 )

@@ -65,7 +65,7 @@ def _parameter(field: RequestField) -> inspect.Parameter:
         "help": _help(field, choices),
         "hidden": shown.hidden,
         "rich_help_panel": "Arguments" if shown.argument else shown.group,
-        "metavar": shown.metavar or _metavar(field, kind),
+        "metavar": _metavar(field, kind),
         "show_default": False,
     }
     if shown.completes or choices:
@@ -81,12 +81,13 @@ def _parameter(field: RequestField) -> inspect.Parameter:
     return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _metavar(field: RequestField, kind: Any) -> str | None:
-    """Name of a value in the help: its unit where it has one."""
+def _metavar(field: RequestField, kind: Any) -> str:
+    """Name of a value in the help, with its unit in brackets: "[m]", "X Y [m]" or "NAME"."""
+    unit = unit_of(field.info)
+    if field.shown.metavar or unit != "1":
+        return " ".join(filter(None, (field.shown.metavar, "" if unit == "1" else f"[{unit}]")))
     if kind is bool:
         return "flag"
-    if (unit := unit_of(field.info)) != "1":
-        return unit
     inner = next((part for part in get_args(kind) if part is not types.NoneType), kind)
     return {int: "N", float: "X", Path: "PATH"}.get(inner, "NAME")
 

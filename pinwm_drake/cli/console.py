@@ -1,24 +1,41 @@
 # SPDX-License-Identifier: MIT
-"""The console: lines, and bars that show the progress of long work."""
+"""The console: lines, and the progress of long work as bars on a terminal and as lines where output is redirected."""
 
 import math
-from collections.abc import Callable, Iterator
+import os
+import threading
+import time
+import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    Progress,
-    ProgressColumn,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+
+import pinwm_drake
 
 LOOPBACK = ("127.", "localhost", "::1")  # beginnings of addresses that other machines do not reach
-_PERIOD = 1800.0  # s, over which the time left is reckoned; an episode in a plant takes most of a minute
+_FIRST, _LOOK = 5.0, 1.0  # s, of a stage without a line, and between two looks whether one is due
+_FILTERS = "PYTHONWARNINGS"
+_PERIOD, _GROWTH = 10.0, 0.05  # between two lines: s, and share of the time so far where that is longer
+
+
+class Show(Protocol):
+    """Callback that shows the progress of a stage."""
+
+    def __call__(self, stage: str, done: float, figures: str, left: float | None = None, *, tell: bool = False) -> None:
+        """Show a stage.
+
+        Args:
+            stage: Name of the stage.
+            done: Share of it that is done, 0 to 1.
+            figures: Figures in words.
+            left: Time that is left, s; None for an estimate by the pace so far.
+            tell: Flag: where lines are printed, this one is, whatever the interval.
+        """
 
 
 def say(text: str, *, style: str | None = None) -> None:
@@ -26,13 +43,32 @@ def say(text: str, *, style: str | None = None) -> None:
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
 
 
-class _LateProgress(Progress):
-    """Bars that begin with the first task, so that work that is refused before prints nothing but its error."""
+def warn(text: str) -> None:
+    """Print a line of warning to the error output."""
+    Console(stderr=True, soft_wrap=True).print(f"[yellow]warning:[/] {escape(text)}", highlight=False)
 
-    def add_task(self, *arguments: Any, **options: Any) -> TaskID:
-        """Add a bar, the first of which begins the display; see `rich.progress.Progress.add_task`."""
-        self.start()
-        return super().add_task(*arguments, **options)
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Context in which warnings of other libraries are not shown, and those of this package take one line."""
+    package = Path(pinwm_drake.__file__).parent
+
+    def show(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
+    ) -> None:
+        if Path(filename).is_relative_to(package):
+            warn(str(message))
+
+    before = os.environ.get(_FILTERS)
+    os.environ[_FILTERS] = "ignore"  # of processes that are started meanwhile
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        os.environ.pop(_FILTERS)
+        if before is not None:
+            os.environ[_FILTERS] = before
 
 
 def duration(seconds: float) -> str:
@@ -44,54 +80,109 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def progress_bar(
-    figures: str = "{task.percentage:.0f} %",
-    *,
-    left: str | None = None,
-    elapsed: bool = True,
-    transient: bool = False,
-) -> Iterator[Progress]:
-    """Return a bar for each task that is added, with the time left.
+def stages_bar(*, transient: bool = False) -> Iterator[Show]:
+    """Show the stages of long work: a bar for each on a terminal, elsewhere a line now and then.
 
     Args:
-        figures: Text between bar and times, in rich's format.
-        left: Text of the time that is left, in rich's format; None for rich's own estimate.
-        elapsed: Flag: the time so far is shown too.
-        transient: Flag: the bar disappears when it is done.
+        transient: Flag: the bars disappear when all is done, and the end of a stage has no line of its own.
 
     Yields:
-        The bars.
+        The callback.
     """
-    columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(bar_width=20), TextColumn(figures)]
-    columns += [TimeElapsedColumn()] if elapsed else []
-    columns += [TimeRemainingColumn(), TextColumn("left")] if left is None else [TextColumn(left)]
-    bar = _LateProgress(*columns, transient=transient, speed_estimate_period=_PERIOD)
-    try:
-        yield bar
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-
-
-@contextmanager
-def stages_bar(*, transient: bool = False) -> Iterator[Callable[[str, float, str], None]]:
-    """Return a bar for each stage of an experiment, as its callback names them.
-
-    Args:
-        transient: Flag: the bars disappear when all is done; then there are none where the output is no terminal.
-
-    Yields:
-        The callback: stage, share of it that is done, figures in words.
-    """
-    if transient and not Console().is_terminal:
-        yield lambda stage, done, figures: None
+    if not Console().is_terminal:
+        lines = _Lines(ends=not transient)
+        try:
+            yield lines.show
+        finally:
+            lines.close()
         return
-    with progress_bar("{task.percentage:.0f} %  {task.fields[figures]}", transient=transient) as bar:
-        tasks: dict[str, TaskID] = {}
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        TextColumn("{task.percentage:.0f} %  {task.fields[figures]}", markup=False),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]} left"),
+    )
+    bars = _Bars(*columns, transient=transient)
+    try:
+        yield bars.show
+    finally:
+        if bars.live.is_started:
+            bars.stop()
 
-        def show(stage: str, done: float, figures: str) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=1.0, figures=figures)
-            bar.update(tasks[stage], completed=done, figures=figures)
 
-        yield show
+class _Pace:
+    """Estimate of the time that a stage takes from its first report on."""
+
+    def __init__(self, done: float) -> None:
+        self.begun, self._first = time.monotonic(), done
+
+    def left(self, done: float) -> float:
+        """Time [s] until the stage is done; NaN where nothing has been done since the first report."""
+        share = done - self._first
+        return (time.monotonic() - self.begun) * (1.0 - done) / share if share > 0.0 else math.nan
+
+
+class _Bars(Progress):
+    """Bars that begin with the first stage, so that work that is refused before prints nothing but its error."""
+
+    def __init__(self, *columns: Any, **options: Any) -> None:
+        super().__init__(*columns, **options)
+        self._stages: dict[str, tuple[TaskID, _Pace]] = {}
+
+    def show(self, stage: str, done: float, figures: str, left: float | None = None, *, tell: bool = False) -> None:
+        """Show a stage; see `Show`."""
+        if stage not in self._stages:
+            self.start()
+            bar = self.add_task(stage, total=1.0, completed=0, figures=figures, left=duration(math.nan))
+            self._stages[stage] = bar, _Pace(done)
+        bar, pace = self._stages[stage]
+        seconds = pace.left(done) if left is None else left
+        self.update(bar, completed=done, figures=figures, left=duration(seconds))
+
+
+class _Lines:
+    """Printer of lines: at the end of a stage, and at intervals that grow with the time that it takes.
+
+    A thread looks whether a line is due, so that work that does not report for a while is seen to go on.
+    """
+
+    def __init__(self, *, ends: bool) -> None:
+        self._ends = ends
+        self._stage, self._done, self._figures = "", 1.0, ""
+        self._end: float | None = None  # by the clock, s, where the caller knows it
+        self._due = math.inf
+        self._paces: dict[str, _Pace] = {}
+        self._lock, self._closed = threading.Lock(), threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def show(self, stage: str, done: float, figures: str, left: float | None = None, *, tell: bool = False) -> None:
+        """Print a line where one is due; see `Show`."""
+        with self._lock:
+            now = time.monotonic()
+            self._paces.setdefault(stage, _Pace(done))
+            if stage != self._stage:
+                self._stage, self._done, self._due = stage, 0.0, now + _FIRST
+            ends = done >= 1.0 > self._done
+            self._done, self._figures = done, figures
+            self._end = None if left is None else now + left
+            if tell or (self._ends if ends else done < 1.0 and now >= self._due):
+                self._print(now)
+
+    def close(self) -> None:
+        """End the printing."""
+        self._closed.set()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(_LOOK):
+            with self._lock:
+                if self._done < 1.0 and (now := time.monotonic()) >= self._due:
+                    self._print(now)
+
+    def _print(self, now: float) -> None:
+        pace = self._paces[self._stage]
+        taken = now - pace.begun
+        left = pace.left(self._done) if self._end is None else max(self._end - now, 0.0)
+        self._due = now + max(_PERIOD, _GROWTH * taken)
+        rest = f"{duration(taken)} taken" if self._done >= 1.0 else f"{duration(left)} left"
+        say("  ".join(part for part in (f"{self._stage} {self._done:4.0%}", self._figures, rest) if part))

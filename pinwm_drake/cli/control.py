@@ -28,9 +28,10 @@ _PATIENCE = 30.0  # s, for somebody to open the page
 
 
 def control(request: ControlRequest) -> None:
-    """Lets a bundle control a station: a simulation, or a robot over LCM. Without --arm nothing moves.
+    """Run a bundle on a simulation or a robot; --arm moves it.
 
-    Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent zero, once.
+    Without --arm nothing moves. Ctrl-C stops it, as do SIGTERM and a closed terminal: the robot is disarmed and sent
+    zero, once.
     """
     with stop_signals() as stop:
         import numpy as np

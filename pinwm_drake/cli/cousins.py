@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from pinwm_drake.cli.console import say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.twins import CousinsRequest
 
 if TYPE_CHECKING:
@@ -17,7 +17,10 @@ COUSINS_FILE, FIGURE_FILE = "cousins.npz", "cousins.png"
 
 
 def cousins(request: CousinsRequest) -> None:
-    """Draws copies of a twin with other physical parameters and colours, and shows them on a contact sheet."""
+    """Draw copies of a twin with other parameters and colours.
+
+    A contact sheet shows them.
+    """
     from pinwm_drake.cousins.cousin import draw_cousins
     from pinwm_drake.cousins.io import write_cousins
     from pinwm_drake.files import prepare_folder
@@ -34,7 +37,8 @@ def cousins(request: CousinsRequest) -> None:
     prepare_folder(request.out)
     Console().print(_table(drawn))
     write_cousins(request.out / COUSINS_FILE, drawn)
-    cousin_figure(request.out / FIGURE_FILE, drawn)
+    with stages_bar(transient=True) as show:
+        cousin_figure(request.out / FIGURE_FILE, drawn, lambda share: show("drawing", share, "contact sheet"))
     moved = sum(cousin.moved for cousin in drawn.members) / request.number
     say(f"{100 * moved:.1f} % of the colours were kept back to be displayable")
     for name in (COUSINS_FILE, FIGURE_FILE):

@@ -13,7 +13,11 @@ _WIDTH = 100  # characters, of a table that goes to a file
 
 
 def crosscheck(request: CrossCheckRequest) -> None:
-    """Send the same pushes through a twin and Drake's own contact; exits with 0 for PASS and with 1 for FAIL."""
+    """Compare a twin with Drake's contact on the same pushes.
+
+    Exits with 0 for PASS and with 1 for FAIL.
+    """
+    from pinwm_drake.kernel_cache import announce_compiling
     from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
     from pinwm_drake.systems.scenario.load import load_setup
@@ -33,6 +37,7 @@ def crosscheck(request: CrossCheckRequest) -> None:
         question += f"the parameters of {truth}; this checks the twin's physics and parameters"
     say(question)
     motions, done = recipe_of(setup.task).check, 0
+    announce_compiling()
     with stages_bar(transient=True) as show:
 
         def moved() -> None:

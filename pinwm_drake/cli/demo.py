@@ -22,7 +22,7 @@ def demo(
         Path | None, typer.Option("--out", "-o", help="Folder of the results.", show_default=str(_OUT))
     ] = None,
 ) -> None:
-    """Make a twin from the video of a push, predict another push, and let the shipped policy act in it."""
+    """Make a twin from video, predict a push, and run a policy."""
     if context.invoked_subcommand is not None:
         if out is not None:
             raise ParameterError(
@@ -35,7 +35,7 @@ def demo(
 
 
 def push(request: PushRequest) -> None:
-    """Pushes a T-block across the floor and differentiates the outcome through every contact."""
+    """Push a T-block and differentiate the outcome."""
     from pinwm_drake.demo.push.report import run_push
     from pinwm_drake.files import prepare_folder
 

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pinwm_drake.cli.console import say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.control import ExportRequest
 
 if TYPE_CHECKING:
@@ -15,12 +15,21 @@ _CALLS = 100  # calls of the network that are timed
 
 
 def export(request: ExportRequest) -> None:
-    """Make a bundle of a policy: network in ONNX, contract, limits, golden samples; onnxruntime alone runs it."""
+    """Write a policy as a bundle, which onnxruntime alone can run.
+
+    A bundle holds the network in ONNX, its contract, safety limits and golden samples.
+    """
     from pinwm_drake.experiments.golden_samples import export_bundle
 
-    bundle = export_bundle(
-        request.policy, request.bundle, scene=request.scene, seed=request.seed, limits=request.limits
-    )
+    with stages_bar(transient=True) as progress:
+        bundle = export_bundle(
+            request.policy,
+            request.bundle,
+            scene=request.scene,
+            seed=request.seed,
+            limits=request.limits,
+            progress=progress,
+        )
     for line in _described(bundle, request.bundle):
         say(line)
 

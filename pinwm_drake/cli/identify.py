@@ -10,13 +10,12 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from pinwm_drake.identification.identify import Identification
-    from pinwm_drake.twin.twin import Estimate
 
 _UNEXPLAINED = 0.01  # loss; two rolls of a mug had 0.013 and 0.019, pushes of a T-block 0.0008
 
 
 def identify(request: IdentifyRequest) -> None:
-    """Find friction and horizontal moments of a twin that reproduces the video of one push, or of several.
+    """Find friction and moments of a twin from videos of pushes.
 
     By default friction_floor, friction_pusher, moment_xx, moment_yy and the nuisances are looked for; mass, moment_zz
     and restitution, of which a push in the plane tells little, are held unless --free names them. The mass comes from
@@ -79,16 +78,22 @@ def _summary(result: "Identification") -> "Table":
     """Table of theta and nuisances, with 95 % intervals."""
     from rich.table import Table
 
+    from pinwm_drake.twin.words import IDENTIFIABLE, estimate_words
+
     twin = result.twin
-    table = Table("", "value", "95 % interval", "identifiable", title=f"Twin of {twin.name}")
-    for name, estimate in {**twin.theta, **twin.nuisance}.items():
-        table.add_row(name, *_row(estimate))
+    table = Table("", title=f"Twin of {twin.name}")
+    for heading in ("value", "95 % interval"):
+        table.add_column(heading, justify="right")
+    for heading in ("unit", "identifiable"):
+        table.add_column(heading)
+    for group in (twin.theta, twin.nuisance):
+        for name, estimate in group.items():
+            words = estimate_words(estimate)
+            table.add_row(name, words.value, words.interval, words.unit, "yes" if estimate.identifiable else "no")
+        table.add_section()
     losses = ", ".join(f"{loss:.5f}" for loss in result.found.coarse_losses)
-    table.caption = f"coarse losses {losses}; loss {result.found.loss:.5f}; {result.found.seconds:.0f} s"
+    table.caption = (
+        f"{IDENTIFIABLE}\n"
+        f"losses of the random starts {losses}; at the end {result.found.loss:.5f}; {result.found.seconds:.0f} s"
+    )
     return table
-
-
-def _row(estimate: "Estimate") -> tuple[str, str, str]:
-    unit = "" if estimate.unit == "1" else f" {estimate.unit}"
-    interval = "" if estimate.interval is None else f"{estimate.interval[0]:.4g} to {estimate.interval[1]:.4g}"
-    return f"{estimate.value:.4g}{unit}", interval, "yes" if estimate.identifiable else "no"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """`pinwm model`: a twin as SDFormat."""
 
-from pinwm_drake.cli.console import say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.twins import ModelRequest
 
 
@@ -10,5 +10,9 @@ def model(request: ModelRequest) -> None:
     from pinwm_drake.systems.sdf.twin import write_twin_model
     from pinwm_drake.twin.read import load_twin
 
-    for path in write_twin_model(load_twin(request.twin), request.out):
+    twin = load_twin(request.twin)
+    with stages_bar(transient=True) as show:
+        show("writing", 0.0, "meshes of the contact; a new mesh is cut into pieces, once")
+        paths = write_twin_model(twin, request.out)
+    for path in paths:
         say(f"wrote {path}")

@@ -5,9 +5,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from pinwm_drake.cli.console import say, stages_bar
+from pinwm_drake.cli.console import say, stages_bar, warn
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.requests.twins import PredictRequest
 
@@ -16,7 +14,10 @@ if TYPE_CHECKING:
 
 
 def predict(request: PredictRequest) -> None:
-    """Predicts an episode's motion from its pusher log; with object_poses.csv there, says how far off it is."""
+    """Predict the motion of an episode from its pusher log.
+
+    Where the episode has object_poses.csv, the error of the prediction is printed.
+    """
     from pinwm_drake.capture.write import write_pose_table
     from pinwm_drake.experiments.prediction import predict as run
     from pinwm_drake.files import prepare_folder, replacing
@@ -26,10 +27,10 @@ def predict(request: PredictRequest) -> None:
     for path in (request.out, request.plot, request.video):
         if path is not None:
             _require_free(path, request.episode)
-    found = run(request.twin, request.episode, find_start=request.find_start)
-    errors = Console(stderr=True, soft_wrap=True)
+    with stages_bar(transient=True) as show:
+        found = run(request.twin, request.episode, find_start=request.find_start, progress=show)
     for warning in found.warnings:
-        errors.print(f"warning: {warning}", highlight=False, markup=False)
+        warn(warning)
     for path in (request.out, request.plot, request.video):
         if path is not None:
             prepare_folder(path.parent)

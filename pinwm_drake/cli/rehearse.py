@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from pinwm_drake.cli.console import progress_bar, say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.control import RehearseRun
 
 if TYPE_CHECKING:
@@ -14,7 +14,11 @@ if TYPE_CHECKING:
 
 
 def rehearse(request: RehearseRun) -> None:
-    """Rehearses a bundle with a simulated arm over LCM in real time: normal work, or faults that have to stop it."""
+    """Rehearse a bundle with a simulated arm, and with faults.
+
+    The arm is a process of its own behind LCM, in real time. A fault has to stop the robot in time.
+    Exits with 1 where a trial went wrong.
+    """
     from pinwm_drake.experiments.rehearsal.report import REPORT_FILE, write_rehearsal_report
     from pinwm_drake.experiments.rehearsal.run import rehearse as run
     from pinwm_drake.experiments.rehearsal.run import shortfall, summary
@@ -25,14 +29,14 @@ def rehearse(request: RehearseRun) -> None:
         say(f"the arm is slower than the policy was trained for: {short}")
     done, bad = 0, 0
     try:
-        with progress_bar("{task.completed:.0f} trials  {task.fields[figures]}") as bar:
-            task = bar.add_task("rehearsal", total=None, figures="the arm begins")
+        with stages_bar() as show:
+            show("rehearsal", 0.0, "the arm begins")
 
-            def report(number: int, total: int, trial: "Trial") -> None:
+            def report(number: int, share: float, trial: "Trial") -> None:
                 nonlocal done, bad
                 done, bad = number, bad + (not trial.good)
-                figures = f"{bad} not as they should be; {trial.kind or 'normal work'}: {trial.state}"
-                bar.update(task, completed=number, total=max(total, number) if total else None, figures=figures)
+                figures = f"{done} trials, {bad} went wrong; the last: {trial.kind or 'normal work'}, {trial.state}"
+                show("rehearsal", share, figures)
 
             trials = run(rehearsal, out, resume=request.resume, report=report)
     except KeyboardInterrupt:
@@ -43,9 +47,21 @@ def rehearse(request: RehearseRun) -> None:
     say(f"wrote {out / REPORT_FILE}")
     wrong = [trial for trial in trials if not trial.good]
     for trial in wrong[:10]:
-        say(f"not as it should be: {trial}")
+        say(f"went wrong: {_words(trial)}")
     if wrong:
         raise SystemExit(1)
+
+
+def _words(trial: "Trial") -> str:
+    """Return what happened in a trial that went wrong."""
+    name = trial.kind or "normal work"
+    if not trial.kind:
+        return f"{name}, seed {trial.seed}: stopped after {trial.duration:.1f} s: {trial.reason}"
+    if trial.after is None:
+        return f"{name}, seed {trial.seed}: the controller ended before the fault: {trial.state}: {trial.reason}"
+    rest = "" if trial.zero and trial.at_rest else "; the robot is not at rest"
+    took = f"zero after {trial.to_zero:.3f} s, allowed {trial.allowed:.3f} s"
+    return f"{name}, seed {trial.seed}: {trial.state}, {took}{rest}"
 
 
 def _table(found: dict) -> Table:

@@ -8,7 +8,10 @@ from pinwm_drake.experiments.requests.twins import ReportRequest
 
 
 def report(request: ReportRequest) -> None:
-    """Write one web page that needs no network: parameters, pictures, film, motion, course and provenance."""
+    """Write the report of a twin: one page that needs no network.
+
+    It shows parameters, pictures, film, motion, course of the search and provenance.
+    """
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.report.twin.data import read_story
     from pinwm_drake.report.twin.report import write_twin_report
@@ -19,6 +22,7 @@ def report(request: ReportRequest) -> None:
         verdict = write_twin_report(request.path, story, lambda share: show("drawing", share, ""))
     for line in (f"{verdict.headline}.", *verdict.lines):
         say(line)
+    errors = Console(stderr=True, soft_wrap=True)
     errors = Console(stderr=True, soft_wrap=True)
     for notice in story.notices:
         errors.print(f"note: {notice}", highlight=False, markup=False)

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pinwm_drake.cli.console import say
+from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.paper.reproduce.request import REPORT, ReproduceRun
 
@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def reproduce(request: ReproduceRun) -> None:
-    """Make the paper's tables: captures, twins, policies, evaluations, each once; after a kill it goes on."""
+    """Make the paper's tables; a second run goes on.
+
+    Captures, twins, policies and evaluations are cells, each of which is made once. The tables are policies, one-step,
+    randomization, parameters, geometry-noise, tasks and stand-in; report writes those that are made.
+    """
+    from pinwm_drake.kernel_cache import announce_compiling
     from pinwm_drake.paper.reproduce.run import plan, seeds_of, tables_of, write_report
     from pinwm_drake.paper.reproduce.run import reproduce as run
     from pinwm_drake.parallel import Executor
@@ -37,11 +42,24 @@ def reproduce(request: ReproduceRun) -> None:
     if request.plan_only:
         return
 
-    def told(cell: "Cell", done: dict[str, Any]) -> None:
-        say(f"{cell.key}: {done['provenance']['minutes']:g} min  {_short(cell, done['result'])}")
+    cells = [cell for wave in planned.waves for cell in wave]
+    hours, made = sum(cell.hours for cell in cells), list[float]()
+
+    def share() -> float:
+        """Share of the work that is done, that of earlier runs among it."""
+        return min(max(hours - planned.hours, sum(made)) / max(hours, 1e-9), 1.0)
 
     try:
-        run(tables, work, out, executor=processes, on_cell=told)
+        announce_compiling()
+        with stages_bar(transient=True) as show:
+            show("reproducing", share(), f"{sum(planned.done)}/{len(cells)} cells")
+
+            def told(cell: "Cell", done: dict[str, Any]) -> None:
+                made.append(cell.hours)
+                say(f"{cell.key}: {done['provenance']['minutes']:g} min  {_short(cell, done['result'])}")
+                show("reproducing", share(), f"{max(len(made), sum(planned.done))}/{len(cells)} cells")
+
+            run(tables, work, out, executor=processes, on_cell=told)
     except KeyboardInterrupt:
         say(f"interrupted; the same command goes on (what is done is in {out})")
         raise SystemExit(1) from None

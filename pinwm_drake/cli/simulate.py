@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 def simulate(request: SimulateRequest) -> None:
-    """Pushes an object in a station, whatever moves it: the learned twin, or Drake's contact models."""
+    """Push an object in a station: in its twin, or in Drake.
+
+    Drake has two contact models, hydroelastic and point.
+    """
     from pinwm_drake.systems.runs.session import Session
     from pinwm_drake.systems.scenario.load import load_setup
 
@@ -77,5 +80,6 @@ def _summary(session: "Session", record: "Record") -> "Table":
     table.add_row("object turned", f"{math.degrees(record.rotation):.1f}°")
     table.add_row("at rest", "yes" if record.at_rest else "no")
     table.add_row("simulated", f"{record.t[-1]:.3f} s, {record.t[-1] / record.wall_time:.2f} x real time")
-    table.add_row("solver retries", "not known" if station.world is None else str(session.retries))
+    if station.world is not None:  # Drake's plants tell of none
+        table.add_row("solver retries", str(session.retries))
     return table

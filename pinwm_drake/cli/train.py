@@ -3,24 +3,20 @@
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-
-from pinwm_drake.cli.console import duration, progress_bar, say
+from pinwm_drake.cli.console import Show, say, stages_bar
 from pinwm_drake.experiments.requests.train import TrainRequest
 
 if TYPE_CHECKING:
     from pinwm_drake.learning.progress import Report, Step
 
 
-_LINES_PERIOD = 10.0  # s
-
-
 def train(request: TrainRequest) -> None:
-    """Trains a policy in cousins of a twin, with progress, checkpoints and TensorBoard."""
+    """Train a policy in randomised copies of a twin.
+
+    The copies are drawn around the twin, or from its posterior. Checkpoints let an interrupted run go on.
+    """
     from pinwm_drake.experiments import training
     from pinwm_drake.experiments.forecast import forecast
     from pinwm_drake.learning.policy import POLICY_FILE
@@ -29,9 +25,12 @@ def train(request: TrainRequest) -> None:
     try:
         training.check_new(request)
         if not request.resume:
-            say(f"this takes {forecast(request)} here; most end before")
-        with _shown() as report:
-            training.train(request, report=report)
+            with stages_bar(transient=True) as show:
+                show("forecasting", 0.0, "a brief training of each stage")
+                found = forecast(request, lambda share: show("forecasting", share, "a brief training of each stage"))
+            say(f"this takes {found} here; most trainings end earlier, when the success no longer rises")
+        with stages_bar() as show:
+            training.train(request, report=_reporter(show))
     except KeyboardInterrupt:
         say(f"interrupted; go on with --resume (what is done is in {out})")
         raise SystemExit(1) from None
@@ -40,38 +39,18 @@ def train(request: TrainRequest) -> None:
     say(f"wrote {out / POLICY_FILE}; try it with: pinwm evaluate {out} --engine hydroelastic")
 
 
-@contextmanager
-def _shown() -> Iterator["Report"]:
-    """Show the progress of a training: a bar for each stage on a terminal, otherwise a line now and then."""
-    if not Console().is_terminal:
-        yield _Lines()
-        return
-    with progress_bar("{task.percentage:.0f} %  {task.fields[figures]}", left="{task.fields[left]} left") as bar:
-        tasks = {}
+def _reporter(show: Show) -> "Report":
+    """Return the function that shows the steps of a training; the end of a round always has a line."""
+    evaluated = ""
 
-        def report(step: "Step") -> None:
-            figures, left = _figures(step), duration(step.left)
-            if step.stage not in tasks:
-                tasks[step.stage] = bar.add_task(step.stage, total=1.0, figures=figures, left=left)
-            bar.update(tasks[step.stage], completed=step.done, figures=figures, left=left)
-
-        yield report
-
-
-class _Lines:
-    """Printer of lines on a training: at the beginning and the end of a round, and between every 10 s at most."""
-
-    def __init__(self) -> None:
-        self._last, self._evaluation = -math.inf, ""
-
-    def __call__(self, step: "Step") -> None:
-        """Print a line on the progress where one is due."""
-        now, evaluation = time.monotonic(), f"{step.stage} {step.success} {step.length}"
+    def report(step: "Step") -> None:
+        nonlocal evaluated
         # A round has ended where its evaluation is another one.
-        if evaluation == self._evaluation and step.done < 1.0 and now - self._last < _LINES_PERIOD:
-            return
-        self._last, self._evaluation = now, evaluation
-        say(f"{step.stage} {step.done:4.0%}  {_figures(step)}  {duration(step.left)} left")
+        evaluation = f"{step.stage} {step.success} {step.length}"
+        show(step.stage, step.done, _figures(step), step.left, tell=evaluation != evaluated)
+        evaluated = evaluation
+
+    return report
 
 
 def _figures(step: "Step") -> str:
@@ -79,7 +58,7 @@ def _figures(step: "Step") -> str:
     if step.stage == "waypoints":
         return f"{step.steps} states of plans, of which the best did the task in {step.best:.0%} of its replays"
     if not step.steps:
-        return "getting ready (the first run compiles for minutes)"
+        return "getting ready"
     words = [f"{step.steps:,} steps"]
     words += [] if math.isnan(step.rate) else [f"{step.rate:.0f} steps/s"]
     words += [] if math.isnan(step.loss) else [f"loss {step.loss:.4f}"]

@@ -16,18 +16,19 @@ if TYPE_CHECKING:
 
 
 def view(request: ViewRequest) -> None:
-    """Show surfels in the browser (meshcat) until Ctrl-C, or write them as a web page or a turntable video.
+    """Show surfels in a browser, or write a web page or a video.
 
     A twin is shown with the mesh of its object and its pusher. Drake is not needed.
     """
     from pinwm_drake.files import prepare_folder
+    from pinwm_drake.models import twin_path
     from pinwm_drake.rendering.ply import read_ply
     from pinwm_drake.report.surfels.page import write_surfel_page
     from pinwm_drake.report.surfels.turntable import FRAME_RATE, write_turntable
     from pinwm_drake.twin.read import load_twin
     from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE
 
-    splats, html, video = request.splats, request.html, request.video
+    splats, html, video = twin_path(request.splats), request.html, request.video
     path = splats / SURFELS_FILE if splats.is_dir() else splats
     twin = load_twin(splats) if (splats / TWIN_FILE).is_file() else None
     for target in (html, video):

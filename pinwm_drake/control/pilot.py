@@ -147,7 +147,7 @@ class Pilot:
         self._rules = ImageRules(spec.camera, spec.pusher_height, box, limits.max_speed, pixels, live)
 
     def arm(self, memory: Memory, time: float) -> Memory:
-        """Lets the policy move the pusher from the next action on; raises StateError where it has to be reset first."""
+        """Let the policy move the pusher from the next action on; raises StateError where it has to be reset first."""
         safety = self._filter.arm(memory.safety)
         begun = memory if memory.safety.mode == "running" else replace(memory, near=0, moves=0)
         return _with(begun, safety, time=time)

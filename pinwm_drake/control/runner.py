@@ -86,14 +86,15 @@ class Runner:
         self._image = (float(time), np.array(rgb))
 
     def arm(self) -> None:
-        """Lets the policy move the pusher from the next action on.
+        """Let the policy move the pusher from the next action on.
 
         Raises:
             StateError: There is no image, or no place of the pusher, or a reset is needed first.
         """
-        missing = [name for name, seen in (("image", self._image), ("pusher", self._pusher)) if seen is None]
+        seen = (("no image", self._image), ("no position of the pusher", self._pusher))
+        missing = [name for name, value in seen if value is None]
         if missing:
-            raise StateError(f"arm: got no {' and no '.join(missing)}; allowed: after both have come")
+            raise StateError(f"arm: {' and '.join(missing)} has come yet; arm when both are there")
         self._memory = self._pilot.arm(self._memory, self._memory.status.time)
 
     def command(self, time: float) -> PusherCommand:

@@ -69,8 +69,8 @@ class SafetyFilter:
             StateError: The safety block is latched, or the task is over.
         """
         if safety.mode in HALTED:
-            how = "latched by a fault" if safety.mode == "latched" else "that is done"
-            raise StateError(f"arm: got a controller {how} ({safety.reason}); allowed: after a reset")
+            how = "was stopped by a fault" if safety.mode == "latched" else "is done"
+            raise StateError(f"arm: the controller {how} ({safety.reason}); reset it first")
         return safety if safety.mode == "running" else Safety("armed")
 
     def disarm(self, safety: Safety) -> Safety:

@@ -4,6 +4,7 @@
 numba compiles on one core and keeps the result on disk beside the sources, where the first process then finds it.
 """
 
+import logging
 import multiprocessing
 import signal
 import time
@@ -56,6 +57,7 @@ def compiling(capture: Path, options: IdentifyOptions) -> Iterator[Callable[[], 
 
 def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None:
     """Call every kernel that an identification needs, forward and backward; send wall time and CPU time [s]."""
+    logging.getLogger("pinwm_drake").setLevel(logging.ERROR)  # the first process says that kernels are compiled
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the first process, which ends this one
     begun = time.perf_counter()
     torch.set_num_threads(1)

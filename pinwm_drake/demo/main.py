@@ -18,6 +18,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align, read_source
 from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import prepare_folder
+from pinwm_drake.kernel_cache import COMPILING
 from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
 from pinwm_drake.report.twin.data import read_story
 from pinwm_drake.report.twin.report import write_twin_report
@@ -54,7 +55,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         capture, episodes = _read(options.capture)
     with compiling(options.capture, options.identify) as wait:
         with stages.stage("align") as report:
-            report(0.0, "getting ready (the first run compiles the renderer)")
+            report(0.0, "getting ready")
             parts = {"fitting": _part(report, 0.0, 0.9), "drawing": _part(report, 0.9, 1.0)}
             fitted = align(
                 options.capture,
@@ -66,7 +67,7 @@ def _run(out: Path, options: DemoOptions, stages: Stages) -> None:
         with stages.stage("policy, hydroelastic"):
             in_plant = run_policy(options, options.scene, "hydroelastic")
         with stages.stage("wait for the compiler") as report:
-            report(0.0, "the first run compiles the physics, which takes minutes")
+            report(0.0, COMPILING)
             compiled = wait()
     if compiled is not None:
         stages.costs.append(compiled)

@@ -31,7 +31,7 @@ class Performance:
 
 
 def run_policy(options: DemoOptions, scene: str, engine: Literal["twin", "hydroelastic"]) -> Performance:
-    """Lets the policy act in one episode of a scene: the name of one that ships, or the folder of a twin.
+    """Let the policy act in one episode of a scene: the name of one that ships, or the folder of a twin.
 
     Raises:
         PinwmError: The policy or the scene cannot be used.

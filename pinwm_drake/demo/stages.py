@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 Report = Callable[[float, str], None]
 _STEP = 0.25  # share of a stage after which a line follows where there is no terminal
@@ -45,7 +45,7 @@ class Stages:
         """
         seconds, cpu, live = time.perf_counter(), cpu_seconds(), self.console.is_terminal
         bar, figures = BarColumn(bar_width=20), TextColumn("{task.fields[words]}")
-        columns = (TextColumn("{task.description:<24}"), bar, TimeElapsedColumn(), figures)
+        columns = (TextColumn("{task.description:<24}"), bar, TimeElapsedColumn(), TimeRemainingColumn(), figures)
         if not live:
             self.say(f"{name} ...")
         with Progress(*columns, console=self.console, transient=True, disable=not live) as progress:

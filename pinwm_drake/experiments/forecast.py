@@ -3,7 +3,9 @@
 
 import resource
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -40,14 +42,21 @@ class Forecast:
     memory: float
 
     def __str__(self) -> str:
+        total = sum(self.minutes.values())
+        if total < 1.0:
+            return f"less than a minute and {self.memory:.1f} GiB of memory"
         stages = " and ".join(f"{name} {minutes:.0f}" for name, minutes in self.minutes.items())
-        return f"up to {sum(self.minutes.values()):.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
+        return f"up to {total:.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
 
 
-def forecast(request: TrainRequest) -> Forecast:
+def forecast(request: TrainRequest, report: Callable[[float], None] = lambda share: None) -> Forecast:
     """Forecast by one brief round of every stage, with the worlds and networks of the training itself.
 
     The search of plans for waypoints, where a task has them, is not counted.
+
+    Args:
+        request: The training.
+        report: Called with the share of the brief rounds that is done.
 
     Raises:
         PinwmError: An option is out of range, or the scene cannot be read.
@@ -60,8 +69,8 @@ def forecast(request: TrainRequest) -> Forecast:
     if isinstance(method, Distillation):
         stages = [method] if isinstance(method.teacher, Path) else [method.teacher, method]
     minutes, kept, W = {}, 0.0, request.worlds
-    for stage in stages:
-        clock = _Clock()
+    for number, stage in enumerate(stages):
+        clock = _Clock(partial(_tell, report, number, len(stages)))
         with TemporaryDirectory() as folder:
             brief = _brief(stage, W)
             if isinstance(brief, Distillation) and not isinstance(brief.teacher, Path):
@@ -76,14 +85,20 @@ def forecast(request: TrainRequest) -> Forecast:
     return Forecast(minutes, (used + kept) / _GIB)
 
 
+def _tell(report: Callable[[float], None], number: int, stages: int, done: float) -> None:
+    report((number + done) / stages)
+
+
 class _Clock:
-    def __init__(self) -> None:
+    def __init__(self, report: Callable[[float], None] = lambda share: None) -> None:
         self.stage = ""
         self._times: list[tuple[float, int]] = []
+        self._report = report
 
     def __call__(self, step: Step) -> None:
         self.stage = step.stage
         self._times.append((time.monotonic(), step.steps))
+        self._report(step.done)
 
     def seconds(self, stage: Any, worlds: int) -> float:
         """Time [s] of all rounds of a stage, from the brief one."""

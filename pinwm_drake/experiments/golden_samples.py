@@ -2,13 +2,14 @@
 """A trained policy as a bundle, with golden samples from a scene in which it acts."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pinwm_drake.errors import InputError, require
+from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import appearing
 from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_exportable
@@ -20,7 +21,13 @@ _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 
 
 def export_bundle(
-    folder: Path, out: Path, *, scene: str | None = None, seed: int = 0, limits: Mapping[str, Any] | None = None
+    folder: Path,
+    out: Path,
+    *,
+    scene: str | None = None,
+    seed: int = 0,
+    limits: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
 ) -> Bundle:
     """Write the bundle of a policy, with golden samples that it sees in a scene.
 
@@ -32,6 +39,7 @@ def export_bundle(
         scene: Scene of the golden samples: see `spec_environment`; None for `usual_scene` of the policy.
         seed: Seed of the first episode's start, 0 or more.
         limits: Values of `SafetyLimits` in the place of the default ones, by name.
+        progress: Called with stages "acting", for the golden samples, and "exporting".
 
     Returns:
         The bundle, as it was read back.
@@ -54,18 +62,22 @@ def export_bundle(
     chosen = dataclasses.replace(default_limits(spec), **(limits or {}))
     taught = about.get("method") != "ppo" or bool(about.get("auxiliary", False))
     with appearing(out) as temporary:
-        samples = seen_samples(policy, scene, seed)
+        samples = seen_samples(policy, scene, seed, lambda share: progress("acting", share, "golden samples"))
+        progress("exporting", 0.0, "network")
         export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught)
     return read_bundle(out)
 
 
-def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, ...]:
+def seen_samples(
+    policy: Policy, scene: str, seed: int, report: Callable[[float], None] = lambda share: None
+) -> tuple[np.ndarray, ...]:
     """Images, positions and goals that the policy meets in the twin's station in a few short episodes in which it acts.
 
     Args:
         policy: A policy of images.
         scene: Scene of the episodes; see `spec_environment`.
         seed: Seed of the first episode; the next ones count up from it.
+        report: Called with the share of the episodes' actions that are made.
 
     Returns:
         Images (n, height, width, 3 k) uint8, positions of the pusher (n, action_size) m, world frame, along the
@@ -86,6 +98,7 @@ def seen_samples(policy: Policy, scene: str, seed: int) -> tuple[np.ndarray, ...
                 goals.append(environment.worlds.goal[0])
             action, _ = policy.predict(observation)
             observation, _, terminated, truncated, _ = environment.step(action)
+            report((episode * _ACTIONS + step + 1) / (_EPISODES * _ACTIONS))
             if terminated or truncated:
                 break
     return np.stack(images), np.stack(p_WP), np.stack(goals)

@@ -15,7 +15,6 @@ Source: Chaloner and Verdinelli, "Bayesian experimental design: a review", Stati
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -36,7 +35,7 @@ from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.twin.drift import typical_walk
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.rollout import drawn_parameters, rollout_worlds, twin_scene
-from pinwm_drake.twin.twin import Twin
+from pinwm_drake.twin.twin import THETA, Twin
 
 _SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their logarithm; m, after the touch
 _LONGEST = 2.0  # s, of a motion
@@ -53,6 +52,7 @@ class Candidate:
         motion: Motion of the pusher.
         information: Information that a video of it is expected to give, nats.
         position, yaw: Standard deviations by the draws where the object comes to rest, m (in the plane) and rad.
+        remaining: Share of the standard deviation of each parameter's logarithm that is expected to remain, by name.
         X_WO: Poses of the object by the draws at the end: q (W, 4), p (W, 3) [m].
     """
 
@@ -60,6 +60,7 @@ class Candidate:
     information: float
     position: float
     yaw: float
+    remaining: dict[str, float]
     X_WO: Pose
 
 
@@ -125,7 +126,7 @@ def next_push(
     require("number", number, 1 <= number <= 10000, "1 to 10000")
     require("draws", draws, 2 <= draws <= 1000, "2 to 1000")
     if twin.draws is None:
-        raise ParameterError(f"{twin.name} has no draws; allowed: a twin of `pinwm identify` of this release")
+        raise ParameterError(f"{twin.name}: the twin has no draws; identify it anew with this release")
     X_WO = X_WO or start_of(twin)
     scene = twin_scene(twin, X_WO.q)
     mesh_W = load_mesh(twin.mesh_path)
@@ -135,18 +136,19 @@ def next_push(
     rows = twin.draws.rows(draws)
     # What is of one push alone tells nothing of the object.
     parameters = drawn_parameters(twin, scene, rows, anew=False)
+    logarithms = _logarithms(twin, rows)
     generator = np.random.default_rng(seed)
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
     candidates = []
     for k in range(number):
         motion = _draw(mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
         try:
-            candidates.append(_look(scene, parameters, X_WO, motion, radius, walk))
+            candidates.append(_look(scene, parameters, X_WO, motion, logarithms, radius, walk))
         except SolverError:
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
     if not candidates:
-        raise SolverError("the physics found no solution for any push; allowed: a smaller time step of the twin")
+        raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
     return Proposal(sorted(candidates, key=lambda one: -one.information), X_WO, tolerance)
 
 
@@ -192,8 +194,26 @@ def _draw(
     raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
 
 
+def _logarithms(twin: Twin, rows: np.ndarray) -> dict[str, torch.Tensor]:
+    """Logarithms (W,) of the parameters that the draws of a twin differ in, less their mean, by name."""
+    assert twin.draws is not None
+    found = {}
+    for name in THETA:
+        values = twin.draws.column(name)[rows] if name in twin.draws.names else np.zeros(0)
+        if len(values) and (values > 0.0).all() and values.std() > 1e-9 * values.mean():
+            logarithm = torch.from_numpy(np.log(values))
+            found[name] = logarithm - logarithm.mean()
+    return found
+
+
 def _look(
-    scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush, radius: float, walk: float
+    scene: Scene,
+    parameters: Parameters,
+    X_WO: Pose,
+    motion: StraightPush,
+    logarithms: dict[str, torch.Tensor],
+    radius: float,
+    walk: float,
 ) -> Candidate:
     """Information and spread of a push of an object with a radius [m], by its drift after a way of one metre [m]."""
     trajectory = trajectory_of(motion)
@@ -205,68 +225,17 @@ def _look(
     n, W, _ = d.shape
     root = prior_root(middle, torch.from_numpy(t), radius, walk)
     white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
-    share = torch.linalg.eigvalsh(white.T @ white / (W - 1)).clamp_min(0.0)
+    gram = white.T @ white / (W - 1)
+    share = torch.linalg.eigvalsh(gram).clamp_min(0.0)
+    # What a linear regression on the video leaves of a parameter's variance.
+    left = torch.linalg.inv(torch.eye(W, dtype=gram.dtype) + gram)
+    remaining = {name: float(((t @ left @ t) / (t @ t)).sqrt()) for name, t in logarithms.items()}
     last = d[-1].std(0)
     return Candidate(
         motion=motion,
         information=0.5 * float(torch.log1p(share).sum()),
         position=float(last[3:5].norm()),
         yaw=float(last[2]),
+        remaining=remaining,
         X_WO=Pose(found.q[-1], found.p[-1]),
     )
-
-
-def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
-    """Write the best push: `push.yaml`, the pusher's `trajectory.csv`, and a picture, `next_push.png`.
-
-    Args:
-        folder: Folder that is there.
-        twin: The twin.
-        proposal: The pushes.
-
-    Returns:
-        The files.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
-    import yaml
-
-    from pinwm_drake.capture.write import write_trajectory
-    from pinwm_drake.files import replacing
-    from pinwm_drake.report.figures.next_push import next_push_figure
-
-    best = proposal.candidates[0]
-    motion, (position, yaw) = best.motion, proposal.spread
-    document = {
-        "push": {
-            "start": [float(x) for x in motion.p_WP],
-            "direction": [float(x) for x in motion.direction_W],
-            "speed": float(motion.speed),
-            "distance": float(motion.distance),
-            "units": "m, m/s, world frame",
-        },
-        "information": {"nats": best.information, "median_of_candidates": _median(proposal)},
-        "spread": {"position": position, "yaw": yaw, "of": "nine of ten random pushes, standard deviation, m and rad"},
-        "good_enough": proposal.is_good_enough,
-    }
-    path = folder / "push.yaml"
-    with replacing(path) as temporary:
-        temporary.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-    write_trajectory(folder / "trajectory.csv", trajectory_of(motion))
-    motions = [one.motion for one in proposal.candidates]
-    next_push_figure(
-        folder / "next_push.png",
-        load_mesh(twin.mesh_path),
-        proposal.X_WO,
-        best.X_WO,
-        starts=np.array([motion.p_WP[:2] for motion in motions]),
-        ends=np.array([(motion.p_WP + motion.distance * motion.direction_W)[:2] for motion in motions]),
-        informations=np.array([one.information for one in proposal.candidates]),
-        spreads=np.array([one.position for one in proposal.candidates]),
-    )
-    return [path, folder / "trajectory.csv", folder / "next_push.png"]
-
-
-def _median(proposal: Proposal) -> float:
-    return float(np.median([one.information for one in proposal.candidates]))

@@ -8,6 +8,7 @@ import numpy as np
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_folder
 from pinwm_drake.capture.scene import Capture
+from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.identification.locate import locate
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
@@ -57,13 +58,16 @@ class Prediction:
         return float((self.start.p - written.p)[:2].norm()), turn
 
 
-def predict(twin: Path | str, episode: Path | str, *, find_start: bool = False) -> Prediction:
+def predict(
+    twin: Path | str, episode: Path | str, *, find_start: bool = False, progress: Progress = silent
+) -> Prediction:
     """Predicts the motion of an object in an episode from the pusher's log.
 
     Args:
         twin: Folder of the twin, or the name of one that ships.
         episode: Folder of the episode, CAPTURE/episodes/NAME.
         find_start: Flag: the object is looked for in the first picture; otherwise it is where capture.yaml says.
+        progress: Called with the stage "predicting".
 
     Raises:
         PinwmError: A file cannot be used, or the physics found no solution.
@@ -71,7 +75,10 @@ def predict(twin: Path | str, episode: Path | str, *, find_start: bool = False) 
     found = load_twin(twin)
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
+    progress("predicting", 0.0, "start of the object" if find_start else "motion")
     start = locate(found, push, start_pose(found, capture, number)) if find_start else None
+    progress("predicting", 0.3, "motion")
     poses = predict_poses(found, capture, push, number, start=start)
+    progress("predicting", 0.6, "95 % band")
     spread = predict_spread(found, capture, push, number, start=start)
     return Prediction(found, capture, push, number, start, poses, spread, mismatches(found, capture))

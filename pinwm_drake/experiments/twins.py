@@ -74,7 +74,7 @@ def identify(
             + (f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"),
         )
 
-    progress("identifying", 0.0, "getting ready (minutes where kernels compile or a mesh is cut into pieces)")
+    progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
     options = IdentifyOptions() if options is None else options
     result = identify_theta(
         capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched

@@ -42,12 +42,12 @@ class IdentifyOptions:
     held: Mapping[str, float] = field(default_factory=dict)
     support: Annotated[
         Literal["auto", "corners", "patch"],
-        option("Spread of the pressure on the floor: estimated, at the rim, or even.", group=ADVANCED),
+        option("Pressure on the floor: estimated, at the corners, or even.", group=ADVANCED),
     ] = "auto"
     time_step: Annotated[
         float,
         option(
-            "Time step of the physics. Rolling objects need 0.001.",
+            "Time step of the physics; rolling objects need 0.001 s.",
             group=ADVANCED,
             unit="s",
             ge=1e-5,
@@ -55,8 +55,10 @@ class IdentifyOptions:
             default="1/240",
         ),
     ] = 1.0 / 240.0
-    starts: Annotated[int, option("Random starts of the optimiser.", group=BUDGET, ge=1, le=1000)] = 4
-    num_threads: Annotated[int | None, option("Threads.", "--threads", group=BUDGET, ge=1, default="one a core")] = None
+    starts: Annotated[int, option("Number of random starts of the optimiser.", group=BUDGET, ge=1, le=1000)] = 4
+    num_threads: Annotated[
+        int | None, option("Number of threads.", "--threads", group=BUDGET, ge=1, default="one a core")
+    ] = None
     seed: Annotated[int, option("Seed of the random starts.", group=ADVANCED, ge=0, le=2**63 - 1)] = 0
     screened: _Count = 64
     coarse_iterations: _CountFrom0 = 50

@@ -170,7 +170,7 @@ class Search:
         coarse = self.kept.result("coarse")
         starts, losses = coarse["z"], coarse["loss"]
         if not bool(torch.isfinite(losses).any()):
-            raise SolverError("the physics found no solution for any guess; allowed: other starts (seed) or time_step")
+            raise SolverError("the physics found no solution for any start; try another seed or a smaller time step")
         order = torch.argsort(losses, stable=True)
         chosen = [int(k) for k in order[:_REFINED] if float(losses[k]) <= _CLOSE * float(losses.min())]
         # Several starts on pictures of the first size, the best of them on the others.
@@ -257,7 +257,9 @@ class Search:
         for number, forward in enumerate(self.task.forwards):
             X_WO, alive = forward.poses(self.coordinates.values(z[None], number))
             if not bool(alive[0]):
-                raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+                raise SolverError(
+                    "the physics found no solution at the optimum; try another seed or a smaller time step"
+                )
             poses.append(X_WO)
         return Found(
             problem=surrogate.problem,
@@ -283,7 +285,7 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
     """Return the candidate that explains images best, with equal weights; raise SolverError without one."""
     alive = [(surrogate, state, start) for surrogate, state, start in candidates if surrogate is not None]
     if not alive:
-        raise SolverError("the physics found no solution at the optimum; allowed: another seed or time_step")
+        raise SolverError("the physics found no solution at the optimum; try another seed or a smaller time step")
     best = min(alive, key=lambda one: float(torch.cat([part.loss for part in one[0].expansions]).median()))[0]
     weights = weights_of(best.expansions)
 

@@ -109,14 +109,16 @@ class Coordinates:
         """
         for name in (*free, *held):
             if name not in UNKNOWNS:
-                raise ParameterError(f"{name!r} is no unknown; allowed: {', '.join(UNKNOWNS)}")
+                raise ParameterError(f"unknown: got {name!r}; allowed: {', '.join(UNKNOWNS)}")
         if not free or len(set(free)) != len(free):
-            raise ParameterError(f"free unknowns are {list(free)}; allowed: one or more, each once")
+            raise ParameterError(f"free: got {list(free)}; allowed: one or more unknowns, each once")
         for name, value in held.items():
             unknown = UNKNOWNS[name]
             low = max(unknown.low, 0.0) if unknown.positive else unknown.low
             if not (math.isfinite(value) and low <= value <= unknown.high) or (unknown.positive and value == 0.0):
-                raise ParameterError(f"{name} is held at {value}; allowed: {low:g} to {unknown.high:g} {unknown.unit}")
+                raise ParameterError(
+                    f"{name}: got {value} to be held at; allowed: {low:g} to {unknown.high:g} {unknown.unit}"
+                )
         self.pushes = pushes
         common = [UNKNOWNS[name] for name in UNKNOWNS if name in free and UNKNOWNS[name].shared]
         own = [UNKNOWNS[name] for name in UNKNOWNS if name in free and not UNKNOWNS[name].shared]

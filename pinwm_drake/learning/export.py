@@ -156,7 +156,7 @@ def check_exportable(spec: PolicySpec) -> None:
         content = onnx_bytes(policy)
     except Exception as error:  # torch's errors have no base of their own
         message = " ".join(str(error).split())[:200]
-        raise ParameterError(f"policy: got one that torch cannot export ({message}); allowed: one it can") from error
+        raise ParameterError(f"policy: torch cannot export its network ({message}); train one without that") from error
     check_golden(Path(GOLDEN_FILE), Network(content, Path(ONNX_FILE), contract), golden)
 
 
@@ -211,7 +211,7 @@ def golden_samples(
     seen = {"image": images, "pusher": pusher.astype(np.float32)} | ({"goal": goal} if size else {})
     action = policy.predict(seen)[0].astype(float)
     if not np.isfinite(action).all():
-        raise ParameterError("policy: got actions that are not finite numbers; allowed: a policy that acts")
+        raise ParameterError("policy: its actions are not finite numbers; train it anew")
     actor: Any = policy.actor
     given = {name: torch.from_numpy(part) for name, part in seen.items()}
     with torch.inference_mode():
@@ -219,7 +219,7 @@ def golden_samples(
         decided = (actor.actor.margin(states) > _MARGIN).numpy()
     state: np.ndarray = states.numpy()
     if not decided.any():
-        raise ParameterError("policy: got one that is undecided in all samples; allowed: a policy that was trained")
+        raise ParameterError("policy: it is undecided in all golden samples; train it further")
     images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
     told = state[decided] if estimate else None
@@ -246,7 +246,7 @@ def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:
             verbose=False,
         )
     if program is None:
-        raise ParameterError("policy: got none from torch.onnx.export; allowed: a network that it can trace")
+        raise ParameterError("policy: torch.onnx.export made no network of it; use one that it can trace")
     model = program.model_proto
     # Torch notes for each node the lines of the source that it is from, with their paths on this machine.
     del model.metadata_props[:]

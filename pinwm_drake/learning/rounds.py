@@ -300,7 +300,7 @@ class Rounds:
     def best_weights(self) -> dict[str, np.ndarray]:
         """Weights of the network of the best round, by name; raises ParameterError before the first."""
         if not self._weights:
-            raise ParameterError(f"{self.stage}: got no round; allowed: 1 or more")
+            raise ParameterError(f"{self.stage}: no round has ended; train on until one has")
         return self._weights
 
     def best_actor(self, spec: PolicySpec) -> nn.Module:

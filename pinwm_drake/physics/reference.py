@@ -59,7 +59,9 @@ def find_contacts(model: Model, parameters: Parameters, state: State, R: Tensor,
     arrays = kernel_arrays(parameters, V_WP[None], (tensor[None] for tensor in state.tensors()))
     count, rows, body, pair = select_worlds(model.arrays, *arrays, model.contact_rows)
     if int(count.max()) > model.max_contacts:
-        raise SolverError(f"world {int(count.argmax())}: more than {model.max_contacts} contacts")
+        raise SolverError(
+            f"world {int(count.argmax())}: more than {model.max_contacts} contacts; raise max_contacts of the model"
+        )
     C = max(int(count.max()), 1)
     valid = torch.from_numpy(np.arange(C) < count[:, None]).to(device)
     rows_t = torch.from_numpy(rows[:, :C].copy()).to(device)

@@ -60,14 +60,14 @@ class FitOptions:
         ParameterError: a value is out of range; the message names it.
     """
 
-    iterations: Annotated[int, option("Steps of the optimiser, one view each.", group=BUDGET, ge=1, le=_MANY)] = 2500
+    iterations: Annotated[int, option("Number of optimiser steps, one view each.", group=BUDGET, ge=1, le=_MANY)] = 2500
     max_surfels: Annotated[int, option("Largest number of surfels.", group=BUDGET, ge=1, le=_MANY)] = 5000
     first_surfels: _Count | None = None
     crease_share: _UpToOne = 0.7
     sh_degree: Annotated[int, option("Degree of the spherical harmonics.", group=ADVANCED, ge=0, le=3)] = 3
     sh_every: _Count = 700
     held_out: Annotated[
-        int, option("Interval of views kept for testing; 0 keeps none.", group=DATA, ge=0, le=_MANY)
+        int, option("Interval of the views kept for testing; 0 keeps none.", group=DATA, ge=0, le=_MANY)
     ] = 4
     photometric: Literal["l1", "l2"] = "l1"
     dssim: _UpToOne = 0.2
@@ -97,7 +97,7 @@ class FitOptions:
         int, option("Seed of the first surfels and of the order of views.", group=ADVANCED, ge=0, le=2**31 - 1)
     ] = 0
     num_threads: Annotated[
-        int | None, option("Threads.", "--threads", group=BUDGET, ge=1, le=1024, default="one a core")
+        int | None, option("Number of threads.", "--threads", group=BUDGET, ge=1, le=1024, default="one a core")
     ] = None
     backend: Literal["numba", "torch"] = "numba"
 

@@ -3,7 +3,6 @@
 
 import base64
 import io
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from PIL import Image
 
 from pinwm_drake.files import replacing
 from pinwm_drake.twin.twin import Estimate
+from pinwm_drake.twin.words import estimate_words, handy
 
 Frame = tuple[float, np.ndarray, str]  # time [s], picture (height, width, 3) uint8 sRGB, caption
 _QUALITY = 88  # of JPEG
@@ -52,27 +52,17 @@ def _frames(pictures: Iterable[Frame]) -> list[dict[str, Any]]:
 
 def interval_words(estimate: Estimate) -> tuple[str, str]:
     """Value and interval in words, both to the digits that the interval leaves."""
-    if estimate.interval is None:
-        return f"{estimate.value:.4g}", "–"
-    low, high = estimate.interval
-    digits = 4
-    if 0.0 < high - low < math.inf and estimate.value != 0.0:
-        digits = min(max(1 + math.ceil(math.log10(abs(estimate.value) / (high - low))), 3), 8)
-    return _rounded(estimate.value, digits), f"{_rounded(low, digits)} to {_rounded(high, digits)}"
-
-
-def _rounded(value: float, digits: int) -> str:
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    return f"{value:#.{digits}g}".rstrip(".") if value else "0"
+    words = estimate_words(estimate)
+    return words.value, words.interval or "–"
 
 
 def error_words(estimate: Estimate, truth: float | None) -> tuple[str, str]:
-    """Return the true value, and the error of an estimate in per cent of it."""
+    """Return the true value in the unit that is shown, and the error of an estimate in per cent of it."""
     if truth is None:
         return "–", "–"
-    error = f"{100 * (estimate.value - truth) / abs(truth):+.1f} %" if truth else f"{estimate.value - truth:+.3g}"
-    return f"{truth:.4g}", error
+    factor, _ = handy(estimate.unit)
+    error = f"{100 * (estimate.value - truth) / abs(truth):+.1f} %" if truth else f"{factor * estimate.value:+.3g}"
+    return f"{factor * truth:.4g}", error
 
 
 templates = Environment(
@@ -83,4 +73,5 @@ templates = Environment(
     lstrip_blocks=True,
 )
 templates.filters |= {"uri": data_uri, "frames": _frames, "interval": interval_words, "error": error_words}
+templates.filters["unit"] = lambda unit: handy(unit)[1]
 templates.tests["list"] = lambda value: isinstance(value, list)

@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from pinwm_drake.files import replacing
 
 TWIN, TRUTH, PUSHER, GREY, GRID = "#c8432f", "#1f2937", "#2f5d9e", "#8a8f98", "#e3e5e8"
+_STEPS, _WIDE = (1.0, 2.0, 5.0), 100.0  # of a decade, with a number each, and range from which on decades have one
 STARTS = ("#2f5d9e", "#c8432f", "#3b8f5a", "#b07d1a", "#7a4fa3", "#3a9aa8", "#a1505f", "#6b7280")
 
 
@@ -27,8 +29,13 @@ def save_figure(path: Path, figure: Figure) -> None:
 
 
 def tidy(axes: Iterable[Axes]) -> None:
-    """Style of axes: grid behind, no frame on top and on the right."""
+    """Style of axes: grid behind, no frame on top and on the right, plain numbers beside a logarithmic scale."""
     for one in axes:
+        if one.get_yscale() == "log":
+            low, high = one.get_ylim()
+            one.yaxis.set_major_locator(LogLocator(subs=_STEPS if high < _WIDE * low else (1.0,)))
+            one.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            one.yaxis.set_minor_formatter(NullFormatter())
         one.grid(color=GRID)
         one.set_axisbelow(True)
         one.spines[["top", "right"]].set_visible(False)

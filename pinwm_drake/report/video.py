@@ -42,4 +42,6 @@ def write_video(path: Path, frames: Iterable[np.ndarray], *, rate: float, size: 
         # OpenCV says nothing when the disk is full; the table of frames, written last, is missing then, and no
         # frame is counted in what cannot be read.
         if count and int(cv2.VideoCapture(str(temporary)).get(cv2.CAP_PROP_FRAME_COUNT)) != count:
-            raise InputError(path, value="a write that failed", allowed="a disk with enough space")
+            raise InputError(
+                path, value="a film that could not be written to its end", allowed="a disk with enough space"
+            )

@@ -96,7 +96,7 @@ class Task(ABC):
         Raises:
             ParameterError: The task's state does not tell them, so that nothing can be planned from it.
         """
-        raise ParameterError(f"task: got {self.name}; allowed: one whose state tells where object and pusher are")
+        raise ParameterError(f"task: got {self.name}; allowed: a task whose state has the poses of object and pusher")
 
     @property
     def action_size(self) -> int:

@@ -12,7 +12,7 @@ from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.documents import Entry, read_bytes, read_yaml
 from pinwm_drake.errors import InputError
-from pinwm_drake.models import twin_path
+from pinwm_drake.models import shipped_twins, twin_path
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
 from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
@@ -31,7 +31,11 @@ def load_twin(twin: str | Path) -> Twin:
     """
     folder = twin_path(twin)
     if not folder.is_dir():
-        raise InputError(folder, value="no such folder", allowed="a twin, as `pinwm identify` writes it")
+        raise InputError(
+            folder,
+            value="no such folder",
+            allowed=f"a twin, as `pinwm identify` writes it, or one of {', '.join(shipped_twins())}",
+        )
     entry = read_yaml(require_file(folder / TWIN_FILE, "the twin that `pinwm identify` writes"))
     document = read_document(entry)
     paths = {SURFELS_FILE: folder / SURFELS_FILE, document.mesh: _locate(folder, entry["mesh"])}

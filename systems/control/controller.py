@@ -94,7 +94,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
 
     def Arm(self, context: Context) -> None:
-        """Lets the policy move the pusher, from the next action on, in a session of its own.
+        """Let the policy move the pusher, from the next action on, in a session of its own.
 
         Args:
             context: Context of this system, or of the outermost diagram around it.

@@ -122,7 +122,9 @@ class ControlLoop:
             StateError: With "lcm", it has begun before: old messages would be taken for new ones. Make another loop.
         """
         if self._begun and self.station.engine.name == "lcm":
-            raise StateError("begin: got a second run over the same LCM; allowed: one, then another loop")
+            raise StateError(
+                "begin: this loop has run over LCM before, whose old messages would count; make another loop"
+            )
         self._begun = True
         context = self.simulator.get_system().CreateDefaultContext()
         if self.driver is not None:
@@ -165,7 +167,10 @@ class ControlLoop:
                 break
             if context.get_time() > start + patience:
                 link = self.station.setup.scenario.lcm
-                raise StateError(f"lcm: got no {' and no '.join(missing)} from {link.url} in {patience:g} s")
+                raise StateError(
+                    f"lcm: no {' and no '.join(missing)} from {link.url} within {patience:g} s: "
+                    "is `pinwm arm`, or the robot's driver, running?"
+                )
         self.controller.Reset(context)
         if self.armed:
             arming()

@@ -26,13 +26,15 @@ class CrossCheckOptions:
     engines: Annotated[
         tuple[str, ...], option("Drake's contact model; repeat it.", "--engine", default="hydroelastic, point")
     ] = PLANTS
-    pushes: Annotated[int, option("Number of random pushes, or pokes for a flip.", group=BUDGET, ge=1, le=10_000)] = 20
+    pushes: Annotated[
+        int, option("Number of random pushes, or of pokes for a flip.", group=BUDGET, ge=1, le=10_000)
+    ] = 20
     processes: Annotated[int, Field(ge=1, le=64)] = 1
     threshold_translation: Annotated[
-        float, option("Largest median difference of the place after rest.", group=LAB, unit="m", gt=0, le=1)
+        float, option("Largest median difference of the resting position.", group=LAB, unit="m", gt=0, le=1)
     ] = 3e-3
     threshold_rotation: Annotated[
-        float, option("Largest median difference of the orientation after rest.", group=LAB, unit="deg", gt=0, le=180)
+        float, option("Largest median difference of the resting orientation.", group=LAB, unit="deg", gt=0, le=180)
     ] = 2.0
     seed: Annotated[int, option("Seed of the pushes.", group=ADVANCED, ge=0, lt=2**63, allowed="0 or more")] = 0
 
@@ -58,11 +60,13 @@ class CrossCheckRequest:
     more: Annotated[tuple[str, ...], argument("Further engines, as in --engine hydroelastic point.", "ENGINE")] = ()
     options: Annotated[CrossCheckOptions, FLATTEN] = dataclasses.field(default_factory=CrossCheckOptions)
     processes: Annotated[
-        int | None, option("Processes that share the pushes.", group=BUDGET, default="2, or 1 on one core")
+        int | None, option("Number of processes that share the pushes.", group=BUDGET, default="2, or 1 on one core")
     ] = None
     truth: Annotated[
         Path | None,
-        option("ground_truth.yaml that gives the plants' parameters.", group=DATA, default="those of the twin"),
+        option(
+            "File ground_truth.yaml with the parameters of Drake's models.", group=DATA, default="those of the twin"
+        ),
     ] = None
     out: Annotated[
         Path | None, option("Folder for crosscheck.csv and crosscheck.png.", "--out", "-o", result="inside")

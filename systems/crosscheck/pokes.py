@@ -111,7 +111,9 @@ def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
             if _tilt(rig.run(trial)) > _TIPS:
                 break
         else:
-            raise ParameterError(f"{setup.scenario.name}: got no poke that tips the object; allowed: a lighter object")
+            raise ParameterError(
+                f"{setup.scenario.name}: none of {_ATTEMPTS} pokes tips the object; a lighter or slimmer object tips"
+            )
         trials.append(trial)
     return trials
 

@@ -33,25 +33,31 @@ class SimulateOptions:
     frames: Annotated[int, option("Number of images of each push.", group=DATA, ge=2, le=10_000)] = 48
     rate: Annotated[float, option("Frame rate of the camera.", group=DATA, unit="Hz", ge=1, le=240)] = 24.0
     size: Annotated[int, option("Width and height of the images.", group=DATA, unit="px", ge=16, le=2048)] = 400
-    forces: Annotated[bool, option("Log the force on the pusher, and leave the mass for it to tell.", group=DATA)] = (
-        False
-    )
+    forces: Annotated[bool, option("Log the force on the pusher, so that it tells the mass.", group=DATA)] = False
     friction: Annotated[float, option("Friction coefficient of object and floor.", group=LAB, **_FRICTION)] = 0.03
     pusher_friction: Annotated[
         float | None, option("Friction coefficient of object and pusher.", group=LAB, default="--friction", **_FRICTION)
     ] = None
     mass: Annotated[float, option("Mass of the object.", group=LAB, unit="kg", ge=1e-3, le=100)] = 1.0
-    restitution: Annotated[float, option("Restitution, only roughly kept above 0.", group=LAB, ge=0, le=0.9)] = 0.0
+    restitution: Annotated[
+        float, option("Restitution; values above 0 are met only roughly.", group=LAB, ge=0, le=0.9)
+    ] = 0.0
     speed: Annotated[
         float | None,
         option("Speed of the pusher.", group=LAB, unit="m/s", ge=0.01, le=1, default="the object coasts on by 12 mm"),
     ] = None
     rise: Annotated[
         tuple[float, float],
-        option("Least and most slope of a poke.", group=LAB, unit="rad", allowed="0 to 1.4 rad, the least first"),
+        option(
+            "Smallest and largest slope of a poke.",
+            group=LAB,
+            unit="rad",
+            metavar="MIN MAX",
+            allowed="0 to 1.4 rad, the least first",
+        ),
     ] = (0.3, 0.8)
     distance: Annotated[
-        float, option("Way of the pusher after it has met the object.", group=LAB, unit="m", ge=0.005, le=0.5)
+        float, option("Distance that the pusher moves after the first contact.", group=LAB, unit="m", ge=0.005, le=0.5)
     ] = 0.10
     pusher: Annotated[Literal["sphere", "capsule", "cylinder"], option("Shape of the pusher.", group=LAB)] = "sphere"
     pusher_radius: Annotated[float, option("Radius of the pusher.", group=LAB, unit="m", ge=0.003, le=0.05)] = 0.01
@@ -60,7 +66,7 @@ class SimulateOptions:
     ] = False
     stand_in: Annotated[bool, option("Object, light and camera of `pinwm evaluate --stand-in`.", group=LAB)] = False
     supersampling: Annotated[
-        int, option("Rendered pixels along each side of an image's pixel.", group=ADVANCED, ge=1, le=8)
+        int, option("Number of rendered pixels along each side of an image pixel.", group=ADVANCED, ge=1, le=8)
     ] = 3
     seed: Annotated[
         int, option("Seed of places, pushes and cameras.", group=ADVANCED, ge=0, lt=2**63, allowed="0 or more")

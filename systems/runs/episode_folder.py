@@ -22,7 +22,7 @@ _IMAGES = "rgb"
 
 
 class EpisodeFolder:
-    """Takes images as they come, and tables in the end: camera.json, frames.csv, trajectory.csv, object_poses.csv."""
+    """Take images as they come, and tables at the end: camera.json, frames.csv, trajectory.csv, object_poses.csv."""
 
     def __init__(self, folder: Path, setup: Setup) -> None:
         self._folder, self._setup = folder, setup

@@ -98,7 +98,7 @@ class SceneRecorder(ScriptedStation):
         self.rates, self.forces = rates, forces
 
     def settle(self, X_WO: RigidTransform) -> RigidTransform:
-        """Lets the object come to rest, without the pusher.
+        """Let the object come to rest, without the pusher.
 
         Args:
             X_WO: Its pose at first, touching the floor.

@@ -22,27 +22,28 @@ class SessionOptions:
     """
 
     engine: Annotated[
-        Literal["twin", "hydroelastic", "point"] | None, option("Physics engine.", default="the scenario's")
+        Literal["twin", "hydroelastic", "point"] | None,
+        option("Physics engine of the station.", default="the scenario's"),
     ] = None
-    push: Annotated[str, option("straight, for a push through the object, or a trajectory.csv to replay.")] = STRAIGHT
+    push: Annotated[str, option("Push: straight through the object, or a trajectory.csv to replay.")] = STRAIGHT
     duration: Annotated[
         float | None,
-        option("Simulated time.", group=BUDGET, unit="s", ge=0.01, le=600, default="until the object rests"),
+        option("Simulated duration.", group=BUDGET, unit="s", ge=0.01, le=600, default="until the object rests"),
     ] = None
     out: Annotated[
         Path | None,
         option("Folder for an episode: poses, pusher's log, images.", "--out", "-o", group=DATA, result="beside"),
     ] = None
-    video: Annotated[Path | None, option("MP4 file of the scene beside the port rgb.", group=DATA, result="beside")] = (
-        None
-    )
+    video: Annotated[
+        Path | None, option("MP4 file of the scene beside the camera image.", group=DATA, result="beside")
+    ] = None
     record: Annotated[
-        Path | None, option("HTML file of what Meshcat shows; it needs no server.", group=DATA, result="beside")
+        Path | None, option("HTML file of the Meshcat scene; it needs no server.", group=DATA, result="beside")
     ] = None
     meshcat: Annotated[bool, option("Show pushes in the browser, in real time, until Ctrl-C.", group=LAB)] = False
-    host: Annotated[
-        str, option("Address that Meshcat listens on. Others than the default let other machines in.", group=LAB)
-    ] = "localhost"
+    host: Annotated[str, option("Address of Meshcat; any but the default admits other machines.", group=LAB)] = (
+        "localhost"
+    )
     port: Annotated[int | None, option("Port of Meshcat.", group=LAB, default="first free from 7000")] = None
     seed: Annotated[
         int | None,
@@ -78,7 +79,7 @@ class SimulateRequest:
     ] = None
     twin: Annotated[
         Path | None,
-        option("Twin that takes the place of the scenario's object.", group=DATA, default="none", completes="twin"),
+        option("Twin that replaces the scenario's object.", group=DATA, default="none", completes="twin"),
     ] = None
     options: Annotated[SessionOptions, FLATTEN] = dataclasses.field(default_factory=SessionOptions)
 

@@ -75,7 +75,8 @@ def scenario_path(text: str) -> str:
     if text in shipped_scenarios() and not Path(text).exists():
         return f"package://{PACKAGE_NAME}/{_FOLDER}{text}{SCENARIO_SUFFIX}"
     if "://" not in text and not Path(text).exists():
-        raise InputError(text, allowed=f"a file, a twin's folder, or one of {', '.join(shipped_scenarios())}")
+        allowed = f"a file, a twin's folder, or one of {', '.join(shipped_scenarios())}"
+        raise InputError(text, value="no such scenario", allowed=allowed)
     return text
 
 

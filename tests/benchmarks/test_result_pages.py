@@ -7,7 +7,11 @@ from benchmarks.result_pages import BLOCKS, ROOT, headline, review
 from benchmarks.results import with_block
 
 
-@pytest.mark.parametrize(("page", "name", "make"), BLOCKS, ids=lambda value: getattr(value, "__name__", None) or getattr(value, "name", value))
+@pytest.mark.parametrize(
+    ("page", "name", "make"),
+    BLOCKS,
+    ids=lambda value: getattr(value, "__name__", None) or getattr(value, "name", value),
+)
 def test_a_table_of_a_page_is_the_one_that_its_stored_results_give(page, name, make):
     text = page.read_text(encoding="utf-8")
     assert with_block(text, name, make()) == text

@@ -99,7 +99,7 @@ def test_all_problems_are_found_at_once(pushed_cube):
     # What the frames' times are needed for is left out, until they are mended.
     assert len(errors) == 6
     (pushed_cube / EPISODE / "frames.csv").unlink()
-    some(pushed_cube, "error", "frames.csv", "No such file")
+    some(pushed_cube, "error", "frames.csv", "no such file")
 
 
 def test_a_folder_has_to_be_there(tmp_path):

@@ -190,6 +190,6 @@ def test_models_and_images_have_to_be_there(scan, scenery, tmp_path):
         import_colmap(scan / "nothing", tmp_path / "out", scenery, IDENTITY)
     write_text(scan / "sparse/0", *model_of(scan))
     (scan / "images/003.png").unlink()
-    with pytest.raises(InputError, match=r"003\.png: got no such file; allowed: the image that the model names"):
+    with pytest.raises(InputError, match=r"003\.png: no such file; allowed: the image that the model names"):
         import_colmap(scan, tmp_path / "out", scenery, IDENTITY)
     assert not (tmp_path / "out").exists()

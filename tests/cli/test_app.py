@@ -34,6 +34,33 @@ def test_a_senseless_command_line_exits_with_2(pinwm, arguments):
     assert "Usage: pinwm" in output + errors
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("evalute", "push_t"), 2, "Did you mean 'evaluate'"),
+        (("demo", "psh"), 2, "Did you mean 'push'"),
+        (("train", "push_t", "--wolds", "3"), 2, "--worlds"),
+        (("simulate", "pusht"), 1, "pusht: no such scenario; allowed: a file, a twin's folder, or one of"),
+        (("simulate", "pusht"), 1, "push_t (did you mean push_t?)"),
+        (("simulate", "push_t", "--engine", "hydro"), 1, "(did you mean hydroelastic?)"),
+        (("report", "t_blck"), 1, "(did you mean t_block?)"),
+        (("evaluate", "push_tt"), 1, "(did you mean push_t?)"),
+        (("rehearse", "push_t", "--kind", "white image"), 1, "(did you mean white images?)"),
+    ],
+)
+def test_a_wrong_name_is_answered_by_the_nearest_one(pinwm, arguments, code, words):
+    got, _, errors = pinwm(*arguments)
+    assert got == code
+    assert words in " ".join(errors.replace("│", " ").split())
+
+
+def test_a_wrong_path_is_answered_by_the_nearest_one(pinwm, tmp_path):
+    (tmp_path / "twin").mkdir()
+    got, _, errors = pinwm("report", str(tmp_path / "twn"))
+    assert got == 1
+    assert errors.endswith(f"(did you mean {tmp_path / 'twin'}?)\n")
+
+
 @pytest.mark.parametrize("command", [["demo"], ["demo", "push"]])
 def test_help_loads_nothing_heavy(command):
     code = f"""

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: MIT
+import json
+
 import pytest
 
 from tests.capture.pushed_cube import write_pushed_cube
@@ -40,15 +42,26 @@ def test_warnings_alone_pass(pinwm, folder):
     assert "0 errors, 1 warning," in out.splitlines()[-1]
 
 
-def test_many_problems_of_a_file_are_cut_short(pinwm, folder):
+def test_problems_with_one_cause_share_a_row(pinwm, folder):
     table = folder / "episodes/0000/trajectory.csv"
     table.write_text(table.read_text().replace(",0.16,", ",x,"))
     code, out, _ = pinwm("capture", "check", str(folder))
     assert code == 1
-    assert out.count("vx = x") == 8
-    assert "2 more; --all shows them" in out
+    assert out.count("vx = x") == 1
+    assert "9 more like this; --all shows them" in out
     assert "10 errors" in out
     assert pinwm("capture", "check", "--all", str(folder))[1].count("vx = x") == 10
+
+
+def test_a_wrong_focal_length_has_a_row_for_static_views_and_one_for_an_episode(pinwm, folder):
+    for path in (folder / "static/transforms.json", folder / "episodes/0000/camera.json"):
+        document = json.loads(path.read_text())
+        for name in ("fl_x", "fl_y"):
+            document[name] *= 0.85
+        path.write_text(json.dumps(document))
+    _, out, _ = pinwm("capture", "check", str(folder))
+    assert "7 more like this, in 8 files" in out
+    assert out.count("mask against") == 2
 
 
 def test_names_with_markup_are_shown_as_they_are(pinwm, folder):

@@ -71,7 +71,7 @@ def test_the_help_has_groups_ranges_units_and_defaults(run):
     for words in (
         "─ Budget ─",
         "Number of worlds (1 to 64). [default: 8]",
-        "--yaw rad Largest turn. [default: the scene's]",
+        "--yaw [rad] Largest turn. [default: the scene's]",
         "Engine. One of twin, point. [default: twin]",
         "--shown --no-shown",
         "Example: pinwm order a -o b",

@@ -50,7 +50,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
         ([str(folder), "--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
         (
             [str(tmp_path)],
-            f"{tmp_path / 'twin.yaml'}: got no such file; allowed: the twin that `pinwm identify` writes",
+            f"{tmp_path / 'twin.yaml'}: no such file; allowed: the twin that `pinwm identify` writes",
         ),
     ):
         assert pinwm("cousins", *arguments, "-o", str(out)) == (1, "", f"pinwm: {message}\n")

@@ -82,7 +82,7 @@ def test_a_twins_folder_is_checked_against_both_engines(pinwm, tmp_path):
         (["--engine", "bullet"], "engine: got 'bullet'; allowed: hydroelastic, point"),
         (["--pushes", "0"], "pushes: got 0"),
         (["--truth", "{tmp}/none.yaml"], "none.yaml"),
-        (["--truth", "{tmp}/empty.yaml"], "empty.yaml: got no parameter of a twin"),
+        (["--truth", "{tmp}/empty.yaml"], "empty.yaml: no parameter of a twin"),
         (["--truth", "{tmp}/wild.yaml"], "friction_floor"),
         (["-o", "{tmp}/empty.yaml"], "empty.yaml"),
     ],
@@ -99,4 +99,4 @@ def test_what_makes_no_sense_is_refused(pinwm, scenario, tmp_path, arguments, me
 def test_a_missing_twin_is_named(pinwm, tmp_path):
     code, _, errors = pinwm("crosscheck", str(tmp_path / "none"))
     assert code == 1
-    assert "none: allowed: a file, a twin's folder, or one of" in errors
+    assert "none: no such scenario; allowed: a file, a twin's folder, or one of" in errors

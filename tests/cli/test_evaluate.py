@@ -44,7 +44,7 @@ def policies(scenario, tmp_path_factory) -> dict[str, str]:
         (["--engine", "lcm"], "--engine: got 'lcm'"),
         (["--tolerance", "0"], "tolerance: got 0.0; allowed: more than 0"),
         (["--max-translation", "1"], "max_translation: got 1.0 m; allowed: more than 0"),
-        (["--scene", "push_tea"], "push_tea: allowed: a file"),
+        (["--scene", "push_tea"], "push_tea: no such scenario; allowed: a file"),
     ],
 )
 def test_what_makes_no_sense_is_refused(pinwm, tmp_path, arguments, message):
@@ -71,7 +71,7 @@ def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):
     code, _, errors = pinwm("evaluate", str(tmp_path / "none"))
     assert (code, errors) == (
         1,
-        f"pinwm: {tmp_path}/none: got no such folder; allowed: a policy, a bundle, flip_mug, push_t, mpc or random\n",
+        f"pinwm: {tmp_path}/none: no such folder; allowed: a policy, a bundle, flip_mug, push_t, mpc or random\n",
     )
     code, _, errors = pinwm("evaluate", str(tmp_path))
     assert code == 1

@@ -15,5 +15,5 @@ def test_a_twin_is_written_as_models(pinwm, tmp_path):
 def test_a_folder_that_is_no_twin_is_refused(pinwm, tmp_path):
     code, output, errors = pinwm("model", str(tmp_path / "no"), str(tmp_path / "out"))
     assert (code, output) == (1, "")
-    assert errors.startswith(f"pinwm: {tmp_path / 'no'}: got no such folder; allowed: a twin")
+    assert errors.startswith(f"pinwm: {tmp_path / 'no'}: no such folder; allowed: a twin")
     assert not (tmp_path / "out").exists()

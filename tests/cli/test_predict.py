@@ -159,7 +159,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
         ([twin, str(episode), "-o", str(episode / "object_poses.csv")], "object_poses.csv: got a file of the episode"),
         ([twin, str(folder / "capture"), *out], "allowed: CAPTURE/episodes/NAME"),
         ([twin, str(folder / "capture/episodes/none"), *out], "no episode 'none'"),
-        ([str(folder / "capture"), str(episode), *out], "twin.yaml: got no such file"),
+        ([str(folder / "capture"), str(episode), *out], "twin.yaml: no such file"),
     ):
         code, output, errors = pinwm("predict", *arguments)
         assert (code, output, errors.count("\n")) == (1, "", 1)

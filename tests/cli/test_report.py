@@ -47,7 +47,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
         ([twin, "-o", str(tmp_path / "a.html")], f"{tmp_path / 'a.html'}: got a folder; allowed: a file"),
         (
             [str(tmp_path / "no")],
-            f"{tmp_path / 'no'}: got no such folder; {wanted}",
+            f"{tmp_path / 'no'}: no such folder; {wanted}",
         ),
     ):
         assert pinwm("report", *arguments) == (1, "", f"pinwm: {message}\n")

@@ -40,6 +40,12 @@ def test_a_page_and_a_video_are_written(pinwm, splats, tmp_path):
     assert sorted(path.name for path in page.parent.iterdir()) == ["a.html", "a.mp4", "a.view.config.yaml"]
 
 
+def test_a_twin_that_ships_is_shown_by_its_name(pinwm, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert pinwm("view", "t_block", "--html", "a.html") == (0, "wrote a.html\n", "")
+    assert (tmp_path / "a.html").stat().st_size > 10_000
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -57,7 +63,7 @@ def test_wrong_options_are_one_line_and_exit_with_1(pinwm, splats, arguments, me
 def test_wrong_files_are_refused(pinwm, splats, tmp_path):
     code, output, errors = pinwm("view", str(tmp_path / "nothing.ply"), "--html", str(tmp_path / "a.html"))
     assert (code, output) == (1, "")
-    assert "nothing.ply: got no such file; allowed: a PLY file of surfels" in errors
+    assert "nothing.ply: no such file; allowed: a PLY file of surfels" in errors
     splats.write_bytes(splats.read_bytes()[:-10])
     code, output, errors = pinwm("view", str(splats), "--html", str(tmp_path / "a.html"))
     assert (code, output) == (1, "")

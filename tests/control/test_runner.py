@@ -69,7 +69,7 @@ def test_frames_are_stacked_in_order_one_an_action_and_places_are_of_the_images_
 
 def test_nothing_moves_until_it_is_armed_and_limits_are_kept(seen):
     runner = Runner(seen)
-    with pytest.raises(StateError, match="got no image and no pusher"):
+    with pytest.raises(StateError, match="no image and no position of the pusher has come yet"):
         runner.arm()
     np.testing.assert_array_equal(give(runner, 0.0, 1, at(0.0)).velocity, np.zeros(3))
     runner.arm()
@@ -93,7 +93,7 @@ def test_it_ends_at_the_goal_by_the_estimate_and_after_its_last_action(seen):
     assert command.state == "done"
     assert "as many as in training" in command.reason
     np.testing.assert_array_equal(command.velocity, np.zeros(3))
-    with pytest.raises(StateError, match="that is done"):
+    with pytest.raises(StateError, match="the controller is done"):
         runner.arm()
     runner.reset()
     give(runner, 0.0, 1, at(0.0))

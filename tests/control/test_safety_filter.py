@@ -41,7 +41,7 @@ def test_no_limit_is_exceeded_and_no_fault_moves_whatever_comes_in(chain, share)
         elif order == "disarm":
             safety = FILTER.disarm(safety)
         elif order == "arm" and latched:
-            with pytest.raises(StateError, match="after a reset"):
+            with pytest.raises(StateError, match="reset it first"):
                 FILTER.arm(safety)
         elif order == "arm":
             safety = FILTER.arm(safety)
@@ -100,7 +100,7 @@ def test_every_fault_of_what_comes_in_latches_and_tells(wrong, words):
         FILTER.disarm(latched),
     ):
         assert after == latched
-    with pytest.raises(StateError, match="latched by a fault"):
+    with pytest.raises(StateError, match="stopped by a fault"):
         FILTER.arm(latched)
 
 

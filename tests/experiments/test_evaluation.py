@@ -82,14 +82,14 @@ def test_a_worker_that_is_killed_is_told_of(scenario, tmp_path):
             os.kill(first.pid, signal.SIGKILL)
         seen.append(seed)
 
-    with pytest.raises(ParameterError, match=r"--workers: got 2, of which one ended by itself.*--resume"):
+    with pytest.raises(ParameterError, match=r"--workers: one of 2 processes ended by itself.*--resume"):
         run_episodes(runner, request, request.seeds, store, Executor(workers=2), on_result=kill)
     assert all(store.read(seed) is not None for seed in seen)
     assert 1 <= len(seen) < 200
 
 
 def test_a_policy_that_changes_meanwhile_is_told_of(scenario):
-    with pytest.raises(ParameterError, match="got another policy than a moment ago"):
+    with pytest.raises(ParameterError, match="the policy changed while it was evaluated"):
         _run(EvaluateRequest("random", scenario, "twin"), "something else", 0)
 
 

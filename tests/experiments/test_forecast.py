@@ -52,6 +52,7 @@ def test_every_stage_is_forecast(tmp_path, values, stages):
 def test_all_is_told_in_a_line():
     words = str(Forecast({"teacher": 9.2, "distil": 11.1}, 1.26))
     assert words == "up to 20 minutes (teacher 9 and distil 11) and 1.3 GiB of memory"
+    assert str(Forecast({"teacher": 0.2, "distil": 0.3}, 0.84)) == "less than a minute and 0.8 GiB of memory"
 
 
 def test_memory_is_that_of_what_is_learned_from():

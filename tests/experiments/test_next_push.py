@@ -2,15 +2,12 @@
 """The choice of the next push, on a cube whose friction two of the draws disagree on."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
-import yaml
 
-from pinwm_drake.capture.episode_tables import read_trajectory
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.next_push import next_push, trajectory_of, write_proposal
+from pinwm_drake.experiments.next_push import next_push
 from pinwm_drake.twin.twin import Draws
 from tests.twin.samples import cube_twin
 
@@ -74,16 +71,8 @@ def test_a_twin_without_draws_is_refused(twin):
         next_push(twin)
 
 
-def test_files_tell_the_push_to_a_robot(twin, proposal, tmp_path):
-    files = write_proposal(tmp_path, unsure(twin, 0.5), proposal)
-    assert [path.name for path in files] == ["push.yaml", "trajectory.csv", "next_push.png"]
-    motion = proposal.candidates[0].motion
-    document = yaml.safe_load(files[0].read_text())
-    assert document["push"]["start"] == pytest.approx(motion.p_WP.tolist())
-    assert math.hypot(*document["push"]["direction"][:2]) == pytest.approx(1.0)
-    read = read_trajectory(tmp_path)
-    expected = trajectory_of(motion)
-    assert read.p_WP == pytest.approx(expected.p_WP, abs=1e-9)
-    assert np.linalg.norm(read.v_WP, axis=1).max() == pytest.approx(motion.speed)
-    assert np.linalg.norm(read.p_WP[-1] - read.p_WP[0]) == pytest.approx(motion.distance)
-    assert files[2].stat().st_size > 10_000
+def test_the_friction_that_the_draws_differ_in_is_what_it_tells_about(proposal):
+    best, last = proposal.candidates[0], proposal.candidates[-1]
+    assert list(best.remaining) == ["friction_floor"]
+    assert best.remaining["friction_floor"] < 0.5
+    assert best.remaining["friction_floor"] < last.remaining["friction_floor"] <= 1.0

@@ -48,13 +48,13 @@ def test_draws_are_seeded_and_begin_with_the_centre():
 @pytest.mark.parametrize(
     ("free", "held", "words"),
     [
-        (("friction",), {}, "'friction' is no unknown"),
+        (("friction",), {}, "unknown: got 'friction'"),
         ((), {}, "one or more"),
         (("lift", "lift"), {}, "each once"),
-        (("lift",), {"friction_floor": -1.0}, "friction_floor is held at -1.0"),
-        (("lift",), {"mass": 0.0}, "mass is held at 0.0"),
+        (("lift",), {"friction_floor": -1.0}, "friction_floor: got -1.0 to be held at"),
+        (("lift",), {"mass": 0.0}, "mass: got 0.0 to be held at"),
         (("lift",), {"restitution_floor": 1.5}, "allowed: 0 to 1"),
-        (("lift",), {"mass": math.nan}, "mass is held at nan"),
+        (("lift",), {"mass": math.nan}, "mass: got nan to be held at"),
     ],
 )
 def test_nonsense_is_refused(free, held, words):

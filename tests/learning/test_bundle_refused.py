@@ -25,7 +25,7 @@ def rewrite(path: Path, change: Callable[[dict], object]) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_a_missing_file(folder, name):
     (folder / name).unlink()
-    assert refused(folder, name) == ": got no such file; allowed: a bundle that `pinwm export` wrote"
+    assert refused(folder, name) == ": no such file; allowed: a bundle that `pinwm export` wrote"
 
 
 @pytest.mark.parametrize("name", FILES)

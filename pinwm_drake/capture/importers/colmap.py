@@ -19,7 +19,7 @@ import torch
 
 from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Report, Scenery, unheard, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
 from pinwm_drake.documents import read_bytes, read_text
 from pinwm_drake.errors import InputError
@@ -47,6 +47,7 @@ def import_colmap(
     *,
     images: Path | None = None,
     masks: Path | None = None,
+    report: Report = unheard,
 ) -> int:
     """Make a capture of a COLMAP model: static views, without episodes. Returns how many views there are.
 
@@ -58,6 +59,7 @@ def import_colmap(
         images: Folder of the images; None for `images` in `source` or beside the model.
         masks: Folder of the masks, as `NAME.png` for an image `NAME`, or with its name up to the suffix; None
             where the images have alpha or a white background.
+        report: Called with the share of the images that are written.
 
     Raises:
         InputError: The model, an image or a mesh is refused; see `read_model` and `read_image`.
@@ -67,7 +69,7 @@ def import_colmap(
     posed = [_posed(image, folder, masks) for image in read_model(model)]
     with appearing(out) as capture:
         write_scenery(capture, scenery, scenery.X_WO or identity())
-        write_static(capture, posed, similarity)
+        write_static(capture, posed, similarity, report)
     return len(posed)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from pinwm_drake.capture.images import read_size
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
-from pinwm_drake.capture.importers.target import PosedImage, Scenery, write_scenery, write_static
+from pinwm_drake.capture.importers.target import PosedImage, Report, Scenery, unheard, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import Frame, read_frame, require_different
@@ -18,7 +18,9 @@ from pinwm_drake.spatial.poses import identity
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
 
 
-def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Similarity | None = None) -> int:
+def import_nerfstudio(
+    source: Path, out: Path, scenery: Scenery, similarity: Similarity | None = None, *, report: Report = unheard
+) -> int:
     """Make a capture of a nerfstudio folder: static views, without episodes. Returns how many views there are.
 
     Args:
@@ -26,6 +28,7 @@ def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Sim
         out: The capture; not there yet, or empty.
         scenery: The parts of the scene that the file does not have.
         similarity: Similarity from its world to that of the capture; None where they are the same, in metres.
+        report: Called with the share of the images that are written.
 
     Raises:
         InputError: The file, an image or a mesh is refused; see `read_transforms` and `read_image`.
@@ -33,7 +36,7 @@ def import_nerfstudio(source: Path, out: Path, scenery: Scenery, similarity: Sim
     images = read_posed_images(source / TRANSFORMS if is_folder(source) else source)
     with appearing(out) as folder:
         write_scenery(folder, scenery, scenery.X_WO or identity())
-        write_static(folder, images, similarity or scaled_world())
+        write_static(folder, images, similarity or scaled_world(), report)
     return len(images)
 
 

@@ -24,7 +24,7 @@ from pinwm_drake.capture.episode_tables import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.images import read_image, read_size, require_size
 from pinwm_drake.capture.importers.nerfstudio import read_posed_images
 from pinwm_drake.capture.importers.similarity import scaled_world
-from pinwm_drake.capture.importers.target import Scenery, copy_file, write_scenery, write_static
+from pinwm_drake.capture.importers.target import Report, Scenery, copy_file, unheard, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.capture.transforms import opencv_pose
@@ -64,6 +64,7 @@ def import_pinwm(
     pusher_height: float | None = None,
     camera: int | None = None,
     static: Path | None = None,
+    report: Report = unheard,
 ) -> list[str]:
     """Make a capture of a folder in the layout of PIN-WM's authors.
 
@@ -76,6 +77,7 @@ def import_pinwm(
         pusher_height: m, z of the pusher; None where the data have it.
         camera: Number of one of several cameras; None for the one with the lowest number.
         static: The static views' file; None for `transforms_train.json` or `transforms.json` in `source`.
+        report: Called with the share of the images that are written.
 
 
 
@@ -88,9 +90,13 @@ def import_pinwm(
     pushes = [_read_push(path, pusher_height, camera) for path in files]
     with appearing(out) as folder:
         write_scenery(folder, scenery, scenery.X_WO or _first_pose(files[0], pushes[0]))
-        write_static(folder, views, scaled_world())
+        number = len(views) + sum(len(push.images) for push in pushes)
+        write_static(folder, views, scaled_world(), lambda share: report(share * len(views) / number))
+        done = len(views)
         for k, push in enumerate(pushes):
             _write_push(folder / EPISODES / f"{k:04}", push)
+            done += len(push.images)
+            report(done / number)
     return [path.name for path in files]
 
 

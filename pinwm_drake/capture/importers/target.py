@@ -2,6 +2,7 @@
 """The capture that an importer writes: its scene, its static views, and files copied into it."""
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,8 +66,22 @@ def copy_file(source: Path, target: Path) -> None:
         shutil.copyfile(source, temporary)
 
 
-def write_static(folder: Path, images: list[PosedImage], similarity: Similarity) -> None:
+Report = Callable[[float], None]
+"""Called with the share of an import that is done, 0 to 1."""
+
+
+def unheard(share: float) -> None:
+    """Report to nobody."""
+
+
+def write_static(folder: Path, images: list[PosedImage], similarity: Similarity, report: Report = unheard) -> None:
     """Copy images and masks to `static/` of a capture and write its `transforms.json`.
+
+    Args:
+        folder: The capture.
+        images: The images.
+        similarity: Similarity from their world to that of the capture.
+        report: Called after each image with the share of them that is done.
 
     Raises:
         InputError: An image is refused or of another size than its camera's, some have a mask and some not, or
@@ -83,4 +98,5 @@ def write_static(folder: Path, images: list[PosedImage], similarity: Similarity)
         if image.mask_path is not None:
             copy_file(image.mask_path, folder / f"static/masks/{k:05}{image.mask_path.suffix.lower()}")
         frames.append((name, image.camera, similarity.pose(image.X_SC)))
+        report((k + 1) / len(images))
     write_posed_images(folder / "static/transforms.json", frames)

@@ -24,10 +24,11 @@ class PushOptions:
     pusher: Annotated[PusherShape, option("Shape of the pusher.")] = "sphere"
     speed: Annotated[float, option("Speed of the pusher along y.", group=LAB, unit="m/s", gt=0, le=2)] = 0.15
     offset: Annotated[
-        float, option("Place of the hit, sideways of the centre of mass.", group=LAB, unit="m", ge=-0.05, le=0.05)
+        float,
+        option("Offset of the contact from the centre of mass, sideways.", group=LAB, unit="m", ge=-0.05, le=0.05),
     ] = 0.01
     seconds: Annotated[
-        float, option("Simulated time; the pusher moves for 2/3 of it.", group=LAB, unit="s", gt=0, le=60)
+        float, option("Simulated duration; the pusher moves for 2/3 of it.", group=LAB, unit="s", gt=0, le=60)
     ] = 2.4
     time_step: Annotated[
         float, option("Time step of the physics.", group=ADVANCED, unit="s", gt=0, le=0.02, default="1/240")

@@ -119,6 +119,6 @@ def _run(request: EvaluateRequest, identity: str, seed: int) -> EpisodeRecord:
     if (identity, request) not in _runners:
         contestant = read_contestant(request)
         if contestant.identity != identity:
-            raise ParameterError(f"{request.policy}: got another policy than a moment ago; allowed: one that stays")
+            raise ParameterError(f"{request.policy}: the policy changed while it was evaluated; start a new evaluation")
         _runners[identity, request] = EpisodeRunner(contestant, request)
     return _runners[identity, request].run(seed)

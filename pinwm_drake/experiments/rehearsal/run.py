@@ -114,7 +114,7 @@ class Disturbed:
             return found
         self.begun = time.monotonic() if math.isnan(self.begun) else self.begun
         if self._kind == "policy fails":
-            raise RuntimeError("told to")
+            raise RuntimeError("a failure on purpose, as the rehearsal asked for it")
         if self._kind == "policy of NaN":
             return np.full(self.spec.action_size, np.nan), found[1]
         time.sleep(STALL)
@@ -122,7 +122,7 @@ class Disturbed:
 
 
 def rehearse(
-    request: RehearseRequest, out: Path, *, resume: bool = False, report: Callable[[int, int, Trial], None]
+    request: RehearseRequest, out: Path, *, resume: bool = False, report: Callable[[int, float, Trial], None]
 ) -> list[Trial]:
     """Rehearses a bundle, and writes each trial as soon as it is over.
 
@@ -130,7 +130,7 @@ def rehearse(
         request: The rehearsal.
         out: Folder of `trials.jsonl` and `rehearsal.json`.
         resume: Flag: trials that are there already are not made again.
-        report: Called after each trial with its number, the number of all (0 where only the time ends it), and itself.
+        report: Called after each trial with its number, the share of the rehearsal that is done, and itself.
 
     Returns:
         All trials.
@@ -147,25 +147,35 @@ def rehearse(
     with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
         parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle)))
 
-        def keep(trial: Trial, total: int) -> None:
+        def keep(trial: Trial) -> None:
             trials.append(trial)
             file.write(json.dumps(asdict(trial), allow_nan=False) + "\n")
             file.flush()
-            report(len(trials), total, trial)
+            report(len(trials), _share(request, faults, trials), trial)
 
         faults = len(kinds) * request.moments if request.faults else 0
         for number in range(faults):
             moment, kind = divmod(number, len(kinds))
             seed = request.seed + moment
             if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
-                keep(parties().fault(kinds[kind], seed), faults)
+                keep(parties().fault(kinds[kind], seed))
         normal = [one for one in trials if not one.kind]
         number, spent = len(normal), sum(one.duration for one in normal)
         while number < request.normal_episodes or spent < 60.0 * request.minutes:
-            keep(parties().episode(request.seed + number), faults + request.normal_episodes)
+            keep(parties().episode(request.seed + number))
             number, spent = number + 1, spent + trials[-1].duration
     _write_results(out, request, bundle.sha256, trials)
     return trials
+
+
+def _share(request: RehearseRequest, faults: int, trials: list[Trial]) -> float:
+    """Share of a rehearsal that is done, where a fault and an episode count the same."""
+    normal = [one for one in trials if not one.kind]
+    shares = [len(normal) / request.normal_episodes] if request.normal_episodes else []
+    shares += [sum(one.duration for one in normal) / (60.0 * request.minutes)] if request.minutes else []
+    work = float(request.normal_episodes or (max(faults, 1) if request.minutes else 0))
+    done = len(trials) - len(normal) + work * min([1.0, *shares])
+    return min(done / (faults + work), 1.0)
 
 
 def _aimed(request: RehearseRequest) -> Bundle:
@@ -357,7 +367,7 @@ class _Parties:
         }
 
     def _armed(self, seed: int) -> ControlLoop:
-        """Return the loop, armed, with things in a new place, and no fault any more."""
+        """Return the armed loop, with object and pusher in a new place and without a fault."""
         self._policy.tell("", math.inf)
         self._ask(self._relay, "clear", _STARTING)
         self._ask(self._arm, seed, _STARTING)
@@ -370,7 +380,7 @@ class _Parties:
         return self._loop
 
     def _known_after(self, kind: FaultKind) -> float:
-        """s, after which a fault can be known at the earliest."""
+        """Time [s] after which a fault can be known at the earliest."""
         link, spec = self._link, self._bundle.spec
         return {
             CONTENT: link.image_period if kind.channel == "image" else 2.0 * link.period,
@@ -383,5 +393,8 @@ class _Parties:
     def _ask(pipe: Connection, order: Any, patience: float = 10.0) -> Any:
         pipe.send(order)
         if not pipe.poll(patience):
-            raise StateError(f"rehearsal: got no answer in {patience:g} s; allowed: arm and relay at work")
+            raise StateError(
+                f"rehearsal: no answer of the simulated arm within {patience:g} s; "
+                "free the machine of other work, and go on with --resume"
+            )
         return pipe.recv()

@@ -24,7 +24,7 @@ class CheckRequest:
     """Request of a check: what `pinwm capture check` does."""
 
     folder: _Folder
-    every: Annotated[bool, option("Show every problem, however many a file has.", "--all")] = False
+    every: Annotated[bool, option("Show every problem on a row of its own.", "--all")] = False
 
 
 @request
@@ -39,22 +39,22 @@ class RefineRequest:
 class SceneryOptions:
     """Options on object, pusher, floor and gravity, which every importer has."""
 
-    mesh: Annotated[Path, option("Mesh of the object, in m, object frame O.")]
+    mesh: Annotated[Path, option("Mesh of the object in metres, frame O.")]
     name: Annotated[str, option("Name of the object.", group=DATA)] = "object"
     pose: Annotated[
         str | None,
-        option('Pose of the object in the capture\'s world, "x y z qw qx qy qz", in m.', group=DATA),
+        option('Pose of the object in the capture\'s world: "x y z qw qx qy qz".', group=DATA, unit="m"),
     ] = None
     mass: Annotated[
         float | None, option("Mass of the object.", group=DATA, unit="kg", ge=1e-6, le=1e4, default="not measured")
     ] = None
-    pusher_mesh: Annotated[Path | None, option("Mesh of the pusher, in m, pusher frame P.", group=DATA)] = None
+    pusher_mesh: Annotated[Path | None, option("Mesh of the pusher in metres, frame P.", group=DATA)] = None
     pusher_shape: Annotated[
         str | None,
-        option('Shape of the pusher: "sphere R", "capsule R LENGTH" or "cylinder R LENGTH", in m.', group=DATA),
+        option('Shape of the pusher: "sphere R", "capsule R LENGTH" or "cylinder R LENGTH".', group=DATA, unit="m"),
     ] = None
     floor: Annotated[float, option("Height of the floor.", group=LAB, unit="m", ge=-100, le=100)] = 0.0
-    gravity: Annotated[float, option("Gravity.", group=LAB, unit="m/s^2", ge=1e-3, le=1e3)] = 9.8
+    gravity: Annotated[float, option("Gravity, downwards.", group=LAB, unit="m/s^2", ge=1e-3, le=1e3)] = 9.8
 
     def read(self) -> "Scenery":
         """Scenery that the options describe; raises ParameterError where a text is no pose or shape."""
@@ -71,11 +71,11 @@ class WorldOptions:
 
     transform: Annotated[
         Path | None,
-        option("YAML or JSON file with the 4 x 4 similarity from the source's world to the capture's.", group=LAB),
+        option("File of the 4 x 4 similarity from the source's world to the capture's.", group=LAB),
     ] = None
-    scale: Annotated[float, option("Length of a unit of the source's world.", group=LAB, unit="m", ge=1e-6, le=1e6)] = (
-        1.0
-    )
+    scale: Annotated[
+        float, option("Length of one unit of the source's world.", group=LAB, unit="m", ge=1e-6, le=1e6)
+    ] = 1.0
 
     def read(self) -> "Similarity":
         """Similarity from the source's world to the capture's; raises InputError where its file cannot be read."""
@@ -118,7 +118,9 @@ class PinwmRequest:
     pusher_height: Annotated[
         float | None, option("Height of the pusher.", group=LAB, unit="m", ge=-100, le=100, default="that of the data")
     ] = None
-    camera: Annotated[int | None, option("Number of the pushes' camera.", group=DATA, default="the lowest")] = None
+    camera: Annotated[
+        int | None, option("Number of the camera that filmed the pushes.", group=DATA, default="the lowest")
+    ] = None
     static: Annotated[
         Path | None, option("File of the static views.", group=DATA, default="SRC/transforms_train.json")
     ] = None

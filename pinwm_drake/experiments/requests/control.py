@@ -21,11 +21,11 @@ _SCENE = option(
 Scene = Annotated[str | None, _SCENE]
 GoalPose = Annotated[
     tuple[float, float, float] | None,
-    option("Goal of the object, x [m], y [m] and yaw [rad], for a bundle that takes one.", metavar="X Y YAW"),
+    option("Goal of the object, for a bundle that takes one.", metavar="X Y YAW", unit="m, m, rad"),
 ]
 LcmUrl = Annotated[
     str | None,
-    option("Address of LCM. udpm://ADDRESS:PORT?ttl=0 stays on this machine.", group=LAB, default="the scenario's"),
+    option("Address of LCM; udpm://ADDRESS:PORT?ttl=0 stays on this machine.", group=LAB, default="the scenario's"),
 ]
 Port = Annotated[int | None, option("Port of Meshcat.", group=LAB, ge=1024, le=65535, default="first free from 7000")]
 Seed = Annotated[int, option("Seed of the start of object and pusher.", group=ADVANCED, ge=0, le=2**32 - 1)]
@@ -60,13 +60,14 @@ class ExportRequest:
     ] = None
     max_image_age: Annotated[
         float | None,
-        option("Age of an image beyond which the robot stops.", group=LAB, gt=0, unit="s", default="two actions"),
+        option("Age of an image at which the robot stops.", group=LAB, gt=0, unit="s", default="two actions"),
     ] = None
     box_low: Annotated[
         _Corner,
         option(
-            "Lower corner of the pusher's box, in m.",
+            "Lower corner of the pusher's box.",
             group=LAB,
+            unit="m",
             metavar="X Y Z",
             default="that of training, 10 mm lower",
         ),
@@ -74,8 +75,9 @@ class ExportRequest:
     box_high: Annotated[
         _Corner,
         option(
-            "Upper corner of the pusher's box, in m.",
+            "Upper corner of the pusher's box.",
             group=LAB,
+            unit="m",
             metavar="X Y Z",
             default="that of training, 10 mm higher",
         ),
@@ -94,18 +96,16 @@ class ControlRequest:
     """Request of a controlled run: what `pinwm control` does."""
 
     bundle: Bundle
-    arm: Annotated[
-        bool, option("Move the pusher. A dry run only shows what the policy would do.", "--arm/--dry-run")
-    ] = False
-    engine: Annotated[StationEngine, option("Engine or robot that is controlled. lcm is a robot.")] = "hydroelastic"
+    arm: Annotated[bool, option("Move the pusher, or only show what the policy would do.", "--arm/--dry-run")] = False
+    engine: Annotated[StationEngine, option("Simulation to control, or lcm for a robot.")] = "hydroelastic"
     simulate_arm: Annotated[bool, option("Simulate an arm behind LCM in this process; no robot is needed.")] = False
     goal: GoalPose = None
-    force: Annotated[bool, option("Control another object or pusher than the policy was trained with.")] = False
+    force: Annotated[bool, option("Allow another object or pusher than in training.")] = False
     scene: Scene = None
     duration: Annotated[
-        float, option("Longest duration; the run ends at the goal.", group=BUDGET, unit="s", ge=0.1, le=600)
+        float, option("Longest duration; the run ends earlier at the goal.", group=BUDGET, unit="s", ge=0.1, le=600)
     ] = 20.0
-    contact: Annotated[Contact, option("Contact model of the simulated arm. point takes half the time.", group=LAB)] = (
+    contact: Annotated[Contact, option("Contact model of the simulated arm; point takes half the time.", group=LAB)] = (
         "hydroelastic"
     )
     lcm_url: LcmUrl = None
@@ -130,7 +130,7 @@ class ArmRequest:
     """Request of a simulated arm: what `pinwm arm` does."""
 
     bundle: Annotated[
-        str, argument("Bundle that is to control the arm; it tells the size of images.", "BUNDLE", completes="bundle")
+        str, argument("Bundle that will control the arm; it sets the image size.", "BUNDLE", completes="bundle")
     ] = "push_t"
     scene: Scene = None
     image_size: Annotated[
@@ -139,11 +139,11 @@ class ArmRequest:
             "Side of the images that the policy sees.", group=DATA, unit="px", ge=8, le=4096, default="the bundle's"
         ),
     ] = None
-    duration: Annotated[float, option("Duration.", group=BUDGET, unit="s", ge=0.1, le=3600)] = 60.0
+    duration: Annotated[float, option("Duration of the simulation.", group=BUDGET, unit="s", ge=0.1, le=3600)] = 60.0
     latency: Annotated[
         float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
     ] = 0.0
-    contact: Annotated[Contact, option("Contact model of the arm. point takes half the time.", group=LAB)] = "point"
+    contact: Annotated[Contact, option("Contact model of the arm; point takes half the time.", group=LAB)] = "point"
     lcm_url: LcmUrl = None
     meshcat: Annotated[bool, option("Show the arm in a browser on this machine.", group=LAB)] = False
     port: Port = None
@@ -161,8 +161,10 @@ class RehearseRequest:
     bundle: Bundle
     scene: Scene = None
     goal: GoalPose = None
-    faults: Annotated[bool, option("Bring about faults at random moments.")] = False
-    moments: Annotated[int, option("Random moments of each kind of fault.", group=BUDGET, ge=0, le=10_000)] = 5
+    faults: Annotated[bool, option("Inject faults at random moments.")] = False
+    moments: Annotated[
+        int, option("Number of random moments for each kind of fault.", group=BUDGET, ge=0, le=10_000)
+    ] = 5
     kinds: Annotated[tuple[str, ...], option("Kind of fault; repeat it.", "--kind", default="all")] = ()
     minutes: Annotated[float, option("Least duration of normal work.", group=BUDGET, unit="min", ge=0, le=1440)] = 0.0
     episodes: Annotated[

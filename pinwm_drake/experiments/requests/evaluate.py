@@ -37,7 +37,9 @@ class EvaluateRequest:
             completes="scene",
         ),
     ] = None
-    engine: Annotated[Literal["twin", "hydroelastic", "point"], option("Physics engine.", group=DATA)] = "hydroelastic"
+    engine: Annotated[
+        Literal["twin", "hydroelastic", "point"], option("Physics engine of the episodes.", group=DATA)
+    ] = "hydroelastic"
     episodes: Annotated[int, option("Number of episodes.", group=BUDGET, ge=1)] = 100
     seed: Annotated[
         int, option("Seed of the first episode; the others follow it.", group=ADVANCED, ge=0, le=_LARGEST - 1)
@@ -51,7 +53,7 @@ class EvaluateRequest:
     yaw: Annotated[
         float | None,
         option(
-            "Largest turn of the object at the start.",
+            "Largest yaw of the object at the start.",
             group=LAB,
             unit="rad",
             ge=0,
@@ -67,7 +69,7 @@ class EvaluateRequest:
     max_translation: Annotated[
         float | None,
         option(
-            "Longest way of the pusher in an action, for mpc and random.", group=LAB, unit="m", default="the task's"
+            "Longest pusher translation in an action, for mpc and random.", group=LAB, unit="m", default="the task's"
         ),
     ] = None
     model: Annotated[
@@ -77,7 +79,7 @@ class EvaluateRequest:
     task: Annotated[str | None, option("Task of mpc and random: push or flip.", default="the scene's")] = None
     stand_in: Annotated[
         bool,
-        option("Stand-in for a robot: uneven object, shifted camera, late actions, ragged masks, one lamp.", group=LAB),
+        option("Evaluate in the stand-in for a robot: shifted camera, late actions, ragged masks.", group=LAB),
     ] = False
 
     def __post_init__(self) -> None:

@@ -25,7 +25,7 @@ class AlignRequest:
     out: Annotated[
         Path, argument("Folder for surfels.ply, align.json, pictures, film and page.", "OUT", result="inside")
     ]
-    mesh: Annotated[Path | None, option("Mesh of the object, in m.", group=DATA, default="the capture's")] = None
+    mesh: Annotated[Path | None, option("Mesh of the object in metres.", group=DATA, default="the capture's")] = None
     fit: Annotated[FitOptions, FLATTEN] = dataclasses.field(default_factory=FitOptions)
     resume: _Resume = False
 
@@ -34,21 +34,26 @@ class AlignRequest:
 class IdentifyRequest:
     """Request of an identification: what `pinwm identify` does."""
 
-    capture: Annotated[Path, argument("Capture of an object and of a push.", "CAPTURE", completes="capture")]
-    twin: Annotated[Path, argument("Folder of the twin. Surfels that are in it are used.", "TWIN", result="inside")]
+    capture: Annotated[Path, argument("Capture of an object and one push or more.", "CAPTURE", completes="capture")]
+    twin: Annotated[Path, argument("Folder of the twin; surfels in it are used.", "TWIN", result="inside")]
     episodes: Annotated[
         tuple[str, ...],
         option("Name of a push; repeat it for several.", "--episode", group=DATA, default="the first"),
     ] = ()
     free: Annotated[
         tuple[str, ...],
-        option("Physical unknown to look for, such as mass; repeat it.", default="the four of the summary"),
+        option(
+            "Physical parameter to estimate, such as mass; repeat it.",
+            default="friction_floor, friction_pusher, moment_xx, moment_yy",
+        ),
     ] = ()
     hold: Annotated[
         tuple[str, ...],
-        option("Unknown that is held at a value, or begins there where it is free.", metavar="NAME=VALUE"),
+        option("Value at which a parameter is held, or starts if it is free.", metavar="NAME=VALUE"),
     ] = ()
-    without: Annotated[tuple[str, ...], option("Nuisance to switch off, such as time_offset; repeat it.")] = ()
+    without: Annotated[
+        tuple[str, ...], option("Nuisance parameter to switch off, such as time_offset; repeat it.")
+    ] = ()
     search: Annotated[IdentifyOptions, FLATTEN] = dataclasses.field(default_factory=IdentifyOptions)
     directions: Annotated[int | None, option("Option of version 0.1 without effect.", hidden=True)] = None
     resume: _Resume = False
@@ -70,7 +75,9 @@ class IdentifyRequest:
         wanted = (*self.free, *NUISANCES) if self.free else DEFAULT_FREE
         chosen = tuple(dict.fromkeys(name for name in wanted if name not in left_out))
         if not chosen:
-            raise ParameterError("no unknown is left; allowed: one or more free ones")
+            raise ParameterError(
+                "--without, --hold: got all unknowns, so that none is left to find; allowed: one free unknown or more"
+            )
         return dataclasses.replace(self.search, free=chosen, held=held)
 
 

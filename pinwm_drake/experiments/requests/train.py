@@ -22,11 +22,9 @@ class TrainRequest:
     scene: Annotated[str, argument("Folder of a twin, or a scenario such as push_t.", "TWIN", completes="twin")]
     out: Annotated[Path, option("Folder of run and policy.", "--out", "-o", result="inside")]
     task: Annotated[str | None, option("Task to learn, such as flip.", default="the scene's")] = None
-    goals: Annotated[Literal["fixed", "random"], option("Goal of an episode.")] = "fixed"
-    goal_reach: Annotated[float, option("Reach of random goals in x and y.", unit="m", ge=0)] = 0.1
-    goal_turn: Annotated[float, option("Largest turn of a random goal.", unit="rad", ge=0, default="π", **_PI)] = (
-        math.pi
-    )
+    goals: Annotated[Literal["fixed", "random"], option("Goal of each episode.")] = "fixed"
+    goal_reach: Annotated[float, option("Largest x and y of a random goal.", unit="m", ge=0)] = 0.1
+    goal_turn: Annotated[float, option("Largest yaw of a random goal.", unit="rad", ge=0, default="π", **_PI)] = math.pi
     tolerance: Annotated[
         float | None, option("Largest distance from the goal in a success.", unit="m", default="the task's")
     ] = None
@@ -36,61 +34,75 @@ class TrainRequest:
     in_scene: Annotated[
         str | None,
         option(
-            "Scenario that the twin's object is put into.", "--scene", group=DATA, default="its own", completes="scene"
+            "Scenario that the twin's object is placed in.", "--scene", group=DATA, default="its own", completes="scene"
         ),
     ] = None
-    delta: Annotated[float, option("Half-width of the cousins; 0 for the twin alone.", group=DATA, ge=0, lt=1)] = 0.1
-    from_intervals: Annotated[bool, option("Draw identified parameters from the posterior.", group=DATA)] = False
+    delta: Annotated[
+        float, option("Relative half-width of the randomisation; 0 for the twin alone.", group=DATA, ge=0, lt=1)
+    ] = 0.1
+    from_intervals: Annotated[bool, option("Draw identified parameters from the twin's posterior.", group=DATA)] = False
     teacher: Annotated[
-        Path | None, option("State policy to distil.", group=DATA, default="a new one", completes="policy")
+        Path | None, option("Folder of a state policy to distil.", group=DATA, default="a new one", completes="policy")
     ] = None
     method: Annotated[
         Literal["distil", "ppo", "state"],
-        option("Teacher and student, PPO from images, or the teacher alone.", group=BUDGET),
+        option("Training method: teacher and student, PPO from images, or teacher.", group=BUDGET),
     ] = "distil"
     minutes: Annotated[float | None, option("Time budget of the training.", group=BUDGET, unit="min", gt=0)] = None
-    target: Annotated[float | None, option("Success rate to stop at.", group=BUDGET, gt=0, le=1)] = None
-    worlds: Annotated[int, option("Number of parallel worlds.", group=BUDGET, ge=1)] = 64
+    target: Annotated[float | None, option("Success rate at which training stops.", group=BUDGET, gt=0, le=1)] = None
+    worlds: Annotated[int, option("Number of simulated worlds that run in parallel.", group=BUDGET, ge=1)] = 64
     steps: Annotated[
-        int | None, option("RL steps of all worlds together.", group=BUDGET, ge=1, default="by method")
+        int | None, option("Number of RL steps, all worlds together.", group=BUDGET, ge=1, default="by method")
     ] = None
-    episodes: Annotated[int | None, option("Episodes of an evaluation.", group=BUDGET, ge=1, default="by method")] = (
-        None
-    )
-    threads: Annotated[int | None, option("Threads of torch.", group=BUDGET, ge=1, default="one a core")] = None
+    episodes: Annotated[
+        int | None, option("Number of episodes of an evaluation.", group=BUDGET, ge=1, default="by method")
+    ] = None
+    threads: Annotated[int | None, option("Number of torch threads.", group=BUDGET, ge=1, default="one a core")] = None
     resume: Annotated[bool, option("Continue an interrupted run.", group=BUDGET)] = False
     yaw: Annotated[
         float | None,
-        option("Largest turn of the object at the start.", group=LAB, unit="rad", ge=0, default="π/2", **_PI),
+        option("Largest yaw of the object at the start.", group=LAB, unit="rad", ge=0, default="π/2", **_PI),
     ] = None
     max_translation: Annotated[
-        float | None, option("Longest way of the pusher in an action.", group=LAB, unit="m", default="the task's")
+        float | None, option("Longest pusher translation in an action.", group=LAB, unit="m", default="the task's")
     ] = None
     latency: Annotated[
         tuple[float, float],
-        option("Least and most delay of an action.", group=LAB, unit="s", allowed="0 or more, the least first"),
+        option(
+            "Shortest and longest delay of an action.",
+            group=LAB,
+            unit="s",
+            metavar="MIN MAX",
+            allowed="0 or more, the least first",
+        ),
     ] = (0.0, 0.0)
     as_filmed: Annotated[bool, option("Use the camera pose of the twin's video.", group=LAB)] = False
-    mask_error: Annotated[float, option("Error of outlines in the images.", group=LAB, unit="px", ge=0, le=1)] = 0.0
-    image_size: Annotated[int, option("Side of the policy's images.", group=LAB, unit="px", ge=1)] = 64
+    mask_error: Annotated[
+        float, option("Random error of the outlines in training images.", group=LAB, unit="px", ge=0, le=1)
+    ] = 0.0
+    image_size: Annotated[int, option("Width and height of the policy's images.", group=LAB, unit="px", ge=1)] = 64
     frames: Annotated[int, option("Number of images that the policy sees.", group=LAB, ge=1)] = 3
     algorithm: Annotated[
         Literal["sac", "ppo"] | None,
         option("RL algorithm for the state teacher.", group=ADVANCED, default="the task's"),
     ] = None
     round_steps: Annotated[
-        int | None, option("RL steps between evaluations.", group=ADVANCED, ge=1, default="by method")
+        int | None, option("Number of RL steps between evaluations.", group=ADVANCED, ge=1, default="by method")
     ] = None
-    rounds: Annotated[int | None, option("Rounds of the student.", group=ADVANCED, ge=1, default="as needed")] = None
-    images: Annotated[int | None, option("Images of a student's round.", group=ADVANCED, ge=1, default="as needed")] = (
-        None
-    )
+    rounds: Annotated[
+        int | None, option("Number of rounds of the student.", group=ADVANCED, ge=1, default="as needed")
+    ] = None
+    images: Annotated[
+        int | None, option("Number of images in a round of the student.", group=ADVANCED, ge=1, default="as needed")
+    ] = None
     updates: Annotated[
-        int | None, option("Updates of a student's round.", group=ADVANCED, ge=1, default="as needed")
+        int | None, option("Number of updates in a round of the student.", group=ADVANCED, ge=1, default="as needed")
     ] = None
     shift: Annotated[int | None, option("Random shift of the student's images.", group=ADVANCED, unit="px")] = None
-    history: Annotated[int, option("Past actions seen; 0 where a bundle is wanted.", group=ADVANCED, ge=0)] = 0
-    auxiliary: Annotated[bool, option("Teach PPO the state as well.", group=ADVANCED)] = True
+    history: Annotated[
+        int, option("Number of past actions the policy sees; a bundle needs 0.", group=ADVANCED, ge=0)
+    ] = 0
+    auxiliary: Annotated[bool, option("Teach PPO to estimate the state as well.", group=ADVANCED)] = True
     device: Annotated[str, option("Device of the networks: cpu or cuda.", group=ADVANCED)] = "cpu"
     seed: Annotated[int, option("Seed of networks, worlds and cousins.", group=ADVANCED, ge=0)] = 0
 

@@ -30,13 +30,13 @@ class PredictRequest:
     """Request of a prediction: what `pinwm predict` does."""
 
     twin: TwinFolder
-    episode: Annotated[
-        Path, argument("Folder CAPTURE/episodes/NAME, of the twin's capture or of another one.", "EPISODE")
-    ]
+    episode: Annotated[Path, argument("Folder CAPTURE/episodes/NAME of any capture of the object.", "EPISODE")]
     out: Annotated[
         Path, option("File for the poses, with the columns of object_poses.csv.", "--out", "-o", result="beside")
     ]
-    find_start: Annotated[bool, option("Find the object in the first image, not in capture.yaml.", group=DATA)] = False
+    find_start: Annotated[
+        bool, option("Locate the object in the first image; capture.yaml is ignored.", group=DATA)
+    ] = False
     plot: Annotated[Path | None, option("PNG file for the motion over time and its 95 % band.", group=LAB)] = None
     video: Annotated[Path | None, option("MP4 file for camera, twin and difference side by side.", group=LAB)] = None
 
@@ -54,24 +54,30 @@ class NextPushRequest:
     out: Annotated[
         Path, option("Folder for push.yaml, trajectory.csv and next_push.png.", "--out", "-o", result="inside")
     ]
-    position: Annotated[float, option("Spread of the place at rest that is good enough.", unit="mm", gt=0)] = 2.0
-    yaw: Annotated[float, option("Spread of the yaw at rest that is good enough.", unit="deg", gt=0)] = 2.0
-    low: Annotated[tuple[float, float], option("Lowest x and y of the pusher.", group=LAB, unit="m", **_ANYWHERE)] = (
-        -math.inf,
-        -math.inf,
-    )
-    high: Annotated[tuple[float, float], option("Highest x and y of the pusher.", group=LAB, unit="m", **_ANYWHERE)] = (
-        math.inf,
-        math.inf,
-    )
+    position: Annotated[float, option("Spread of the resting position that is good enough.", unit="mm", gt=0)] = 2.0
+    yaw: Annotated[float, option("Spread of the resting yaw that is good enough.", unit="deg", gt=0)] = 2.0
+    low: Annotated[
+        tuple[float, float] | None,
+        option("Lowest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE),
+    ] = None
+    high: Annotated[
+        tuple[float, float] | None,
+        option("Highest x and y of the pusher.", group=LAB, unit="m", metavar="X Y", **_ANYWHERE),
+    ] = None
     candidates: Annotated[int, option("Number of random pushes that are compared.", group=BUDGET, ge=1)] = 48
     draws: Annotated[int, option("Number of draws of the twin for each push.", group=BUDGET, ge=2)] = 32
     seed: Annotated[int, option("Seed of the random pushes.", group=ADVANCED, ge=0)] = 0
 
     def __post_init__(self) -> None:
         """Check the box."""
-        below = all(low < high for low, high in zip(self.low, self.high, strict=True))
-        require("--low, --high", (self.low, self.high), below, "low below high")
+        least, most = self.box
+        below = all(low < high for low, high in zip(least, most, strict=True))
+        require("--low, --high", f"{least} and {most}", below, "low below high")
+
+    @property
+    def box(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Corners of the pusher's box in x and y, m; infinite where there is none."""
+        return self.low or (-math.inf, -math.inf), self.high or (math.inf, math.inf)
 
 
 @request
@@ -82,9 +88,7 @@ class CousinsRequest:
     out: Annotated[Path, option("Folder for cousins.npz and cousins.png.", "--out", "-o", result="inside")]
     number: Annotated[int, option("Number of cousins.", ge=1, le=200)] = 16
     delta: Annotated[float, option("Relative half-width of the draws.", ge=0, lt=1)] = 0.1
-    from_intervals: Annotated[
-        bool, option("Draw identified parameters from the twin's posterior, and the rest by --delta.")
-    ] = False
+    from_intervals: Annotated[bool, option("Draw identified parameters from the twin's posterior.")] = False
     seed: Annotated[int, option("Seed of the draws.", group=ADVANCED, ge=0)] = 0
 
 
@@ -95,9 +99,7 @@ class ModelRequest:
     twin: TwinFolder
     out: Annotated[
         Path,
-        argument(
-            "Folder for object.sdf, object_point.sdf, floor.sdf, pusher.sdf and their meshes.", "OUT", result="beside"
-        ),
+        argument("Folder for the SDFormat files and their meshes.", "OUT", result="beside"),
     ]
 
 
@@ -111,7 +113,7 @@ class ReportRequest:
     ] = None
     capture: Annotated[
         Path | None,
-        option("Folder of the capture, where it has moved.", group=DATA, default="as in the twin", completes="capture"),
+        option("Folder of the capture if it has moved.", group=DATA, default="as in the twin", completes="capture"),
     ] = None
 
     def __post_init__(self) -> None:
@@ -131,8 +133,10 @@ class ViewRequest:
     splats: Annotated[
         Path, argument("PLY file of surfels, a folder with surfels.ply, or a twin.", "SPLATS", completes="twin")
     ]
-    html: Annotated[Path | None, option("HTML file for the surfels; nothing is served then.", result="beside")] = None
-    video: Annotated[Path | None, option("MP4 file for a turntable; nothing is served then.", result="beside")] = None
+    html: Annotated[Path | None, option("HTML file to write instead of serving a page.", result="beside")] = None
+    video: Annotated[
+        Path | None, option("MP4 file of a turntable to write instead of serving a page.", result="beside")
+    ] = None
     size: Annotated[
         int,
         option(
@@ -145,12 +149,12 @@ class ViewRequest:
         ),
     ] = 480
     seconds: Annotated[float, option("Length of the video: one turn.", unit="s", ge=0.1, le=600)] = 4.0
-    host: Annotated[
-        str, option("Address that the server listens on. Others than the default let other machines in.", group=LAB)
-    ] = "127.0.0.1"
+    host: Annotated[str, option("Address of the server; any but the default admits other machines.", group=LAB)] = (
+        "127.0.0.1"
+    )
     port: Annotated[
         int | None,
-        option("Port that the server listens on.", group=LAB, ge=1, le=65535, default="first free from 7000"),
+        option("Port of the server.", group=LAB, ge=1, le=65535, default="first free from 7000"),
     ] = None
     browser: Annotated[bool, option("Open the page in a browser as well.", group=LAB)] = False
 

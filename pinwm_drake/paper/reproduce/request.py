@@ -29,9 +29,11 @@ class ReproduceRequest:
     ] = ("push", "flip")
     methods: tuple[str, ...] | None = None
     seeds: Annotated[int, Field(ge=1)] = 1
-    episodes: Annotated[int, option("Episodes of each evaluation.", group=BUDGET, ge=1)] = 100
-    draws: Annotated[int, option("Actions of one-step errors.", group=BUDGET, ge=1)] = 200
-    quick: Annotated[bool, option("Tiny budgets, one episode, three draws: shows that it works.", group=BUDGET)] = False
+    episodes: Annotated[int, option("Number of episodes of each evaluation.", group=BUDGET, ge=1)] = 100
+    draws: Annotated[int, option("Number of actions for the one-step errors.", group=BUDGET, ge=1)] = 200
+    quick: Annotated[bool, option("Use tiny budgets, one episode and three draws, as a trial run.", group=BUDGET)] = (
+        False
+    )
 
     def __post_init__(self) -> None:
         """Check the names; what is named twice counts once."""
@@ -60,7 +62,7 @@ class ReproduceRun:
     tables: Annotated[
         tuple[str, ...],
         argument(
-            "Tables: policies, one-step, randomization, parameters, geometry-noise, tasks, stand-in, all, report.",
+            "Tables to make, such as policies or one-step; all; or report.",
             "TABLE...",
         ),
     ]
@@ -74,16 +76,16 @@ class ReproduceRun:
         ),
     ] = None
     work: Annotated[ReproduceRequest, FLATTEN] = dataclasses.field(default_factory=ReproduceRequest)
-    systems: Annotated[
-        str, option("Names of systems with commas between them, or all.", "--methods", default="all")
-    ] = "all"
+    systems: Annotated[str, option("Systems to compare, separated by commas, or all.", "--methods", default="all")] = (
+        "all"
+    )
     out: Annotated[Path, option("Folder of the cells, each made once.", "--out", "-o", group=DATA, result="inside")] = (
         Path("out/reproduce")
     )
-    report: Annotated[Path | None, option("File of the report.", group=DATA, default="OUT/report.md")] = None
+    report: Annotated[Path | None, option("Markdown file of the report.", group=DATA, default="OUT/report.md")] = None
     plan_only: Annotated[bool, option("Print the plan and end.", "--plan")] = False
-    resume: Annotated[bool, option("Keep cells that are made; else none may be there.", group=BUDGET)] = True
-    workers: Annotated[int | None, option("Processes.", group=BUDGET, default="one a core")] = None
+    resume: Annotated[bool, option("Continue with the cells that are already made.", group=BUDGET)] = True
+    workers: Annotated[int | None, option("Number of processes.", group=BUDGET, default="one a core")] = None
     executor: Annotated[Literal["joblib", "ray"], option("Library that runs the processes.", group=ADVANCED)] = "joblib"
 
     def resolved(self) -> ReproduceRequest:

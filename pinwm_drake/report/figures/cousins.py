@@ -2,7 +2,7 @@
 """Contact sheet of cousins: a picture and the parameters of each."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
@@ -33,7 +33,7 @@ _NAMES = {
 }
 
 
-def cousin_figure(path: Path, cousins: Cousins) -> None:
+def cousin_figure(path: Path, cousins: Cousins, report: Callable[[float], None] = lambda share: None) -> None:
     """Draws the twin and its cousins from one view, each with its parameters below.
 
     Below the picture of a cousin is what it has more (brighter) or less (darker) than the twin, five times as strong:
@@ -42,6 +42,7 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
     Args:
         path: File of the figure; the suffix names the format and the folder exists.
         cousins: The cousins; every one is drawn.
+        report: Called with the share of the pictures that are drawn.
 
     Raises:
         InputError: The file cannot be written.
@@ -50,7 +51,7 @@ def cousin_figure(path: Path, cousins: Cousins) -> None:
     twin, number, ranges = cousins.draw.twin, len(cousins) + 1, cousins.draw.ranges
     keys = [key for key, one in ranges.items() if one.low < one.high] or list(ranges)
     values = {key: estimate.value for key, estimate in twin.theta.items()}
-    pictures = _pictures(twin.surfels, [twin.surfels.sh, *(cousin.sh for cousin in cousins.members)])
+    pictures = _pictures(twin.surfels, [twin.surfels.sh, *(cousin.sh for cousin in cousins.members)], report)
     height, width = pictures[0].shape[:2]
     columns = min(number, _COLUMNS)
     rows = math.ceil(number / columns)
@@ -77,17 +78,18 @@ def _title(cousins: Cousins) -> str:
     return f"{words}\n{100 * moved:.1f} % of the colours kept back to be displayable"
 
 
-def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+def _pictures(surfels: Surfels, colours: Sequence[torch.Tensor], report: Callable[[float], None]) -> list[torch.Tensor]:
     """Pictures of each set of colours above its difference from the first, all (height, width, 3), cropped alike."""
     camera, X_CO = square_camera(_SIZE), Orbit.around(surfels).pose(AZIMUTH, ELEVATION)
     found: list[torch.Tensor] = []
     window: tuple[slice, slice] | None = None
-    for sh in colours:  # one after another, as all at once need the memory of all
+    for k, sh in enumerate(colours):  # one after another, as all at once need the memory of all
         shown = Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, surfels.logit_opacity, sh)
         with torch.no_grad():
             image = render(shown, camera, X_CO, full=False)
         window = window or box_around(image.alpha[0].numpy() > 0.0, 0.0, _MARGIN)
         found.append(image.color[0][window].clamp(0.0, 1.0))
+        report((k + 1) / len(colours))
     return [torch.cat([picture, 0.5 + _LOUDER * (picture - found[0])]) for picture in found]
 
 

@@ -104,8 +104,13 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
     if np.isfinite(final).any():
         best = float(np.nanmin(final))
         close = int((final <= best + _CLOSE * abs(best)).sum())
-        starts = "1 random start" if len(final) == 1 else f"{len(final)} random starts"
-        lines.append(f"{starts}; the best ends at a loss of {best:.4g}, and {close} within {_CLOSE:.0%} of it.")
+        number = len(final)
+        starts = f"Of {number} random starts, {close} agree within {_CLOSE:.0%}"
+        if number == 1:
+            starts = "There was 1 random start"
+        elif close == number:
+            starts = f"All {number} random starts agree within {_CLOSE:.0%}"
+        lines.append(f"{starts}; the best ends at a loss of {best:.4g}.")
     return Verdict(status, headline, lines)
 
 

@@ -61,11 +61,11 @@ class LcmHandle:
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Refuse to set the object's state: raise ParameterError; arguments as for `engine.Handle`."""
-        raise ParameterError("engine lcm: got a place for the object; allowed: to be put there by hand")
+        raise ParameterError("engine lcm: a program cannot move the object of a robot; put it there by hand")
 
     def SetPusherPosition(self, context: Context, p_WP: np.ndarray, world: int = 0) -> None:
         """Refuse to put the pusher: raise ParameterError; arguments as for `engine.Handle`."""
-        raise ParameterError("engine lcm: got a place for the pusher; allowed: to be moved there with the robot")
+        raise ParameterError("engine lcm: a program cannot place the pusher of a robot; move the robot there")
 
 
 def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface | None, armed: bool) -> Engine:

@@ -164,7 +164,7 @@ def _scratch_folder() -> Path:
 
 
 def _keep_apart(parts: ScenePlant, floor: RigidBody) -> None:
-    """Lets the floor touch an object's supports only, and the pusher the rest of it."""
+    """Let the floor touch an object's supports only, and the pusher the rest of it."""
     inspector, manager = parts.scene_graph.model_inspector(), parts.scene_graph.collision_filter_manager()
     of_body = parts.plant.GetCollisionGeometriesForBody
     mine, hands, ground = of_body(parts.object), of_body(parts.pusher), of_body(floor)

@@ -277,5 +277,5 @@ def test_a_video_that_does_not_fit_the_disk_is_refused_and_leaves_nothing(tmp_pa
 
 
 def test_a_page_that_cannot_be_written_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"a\.html: got No such file"):
+    with pytest.raises(InputError, match=r"a\.html: no such file"):
         write_surfel_page(tmp_path / "missing/a.html", cloud(), title="cloud")

@@ -327,9 +327,9 @@ def test_numbers_have_the_digits_that_their_intervals_leave():
         return Page(MACROS.estimates({"x": Estimate(*estimate)}, {})).text.split("note ")[1]
 
     assert row(0.0302134, (0.0291, 0.0313), True, "1") == "x 0.0302 0.0291 to 0.0313 yes"
-    assert row(0.030213456, (0.030213, 0.030214), True, "kg") == "x 0.0302135 0.0302130 to 0.0302140 kg yes"
-    assert row(1.0, None, False, "m", "why") == "x 1 – m no why"
-    assert row(0.0, (-np.inf, np.inf), False, "m") == "x 0 −∞ to ∞ m no"
+    assert row(0.030213456, (0.030213, 0.030214), True, "kg") == "x 0.030213 0.030213 to 0.030214 kg yes"
+    assert row(0.01, None, False, "m", "why") == "x 10 – mm no why"
+    assert row(0.0, (-np.inf, np.inf), False, "m") == "x 0 −∞ to ∞ mm no"
 
 
 def test_pieces_of_a_page():

@@ -212,5 +212,5 @@ def test_a_robot_that_says_nothing(setup):
     loop = ControlLoop(policy := Towards(setup), default_limits(policy.spec), setup, "lcm", armed=True)
     loop.simulator.set_target_realtime_rate(0.0)
     loop.begin(PLACE)
-    with pytest.raises(StateError, match="got no image and no state of the pusher from memq://"):
+    with pytest.raises(StateError, match="lcm: no image and no state of the pusher from memq://"):
         loop.listen(patience=0.3)

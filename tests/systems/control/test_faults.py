@@ -87,7 +87,7 @@ def test_every_fault_latches_until_a_reset(wrong, words, monkeypatch):
         assert bench.output("status").state == "latched"
         assert bench.output("status").reason == status.reason
     bench.controller.Disarm(bench.context)
-    with pytest.raises(StateError, match="latched by a fault"):
+    with pytest.raises(StateError, match="stopped by a fault"):
         bench.controller.Arm(bench.context)
     bench.controller.Reset(bench.context)
     assert bench.output("status") == ControlStatus(

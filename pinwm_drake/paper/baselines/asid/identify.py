@@ -183,7 +183,7 @@ def identify_asid(
 
     minimum = minimise(loss, len(ranges), options.budget, np.random.default_rng(seed))
     if not np.isfinite(minimum.value):
-        raise SolverError("the physics found no solution for any guess; allowed: another seed or time_step")
+        raise SolverError("the physics found no solution for any guess; try another seed or a smaller time step")
     best = _values(minimum.point[None], ranges, options.held, mass)
     twin = assemble_twin(
         capture,

@@ -273,7 +273,7 @@ def test_meshcat_shows_the_pusher():
 
 def test_a_robot_is_not_put_into_place():
     robot = Robot()
-    with pytest.raises(ParameterError, match="engine lcm: got a place for the object"):
+    with pytest.raises(ParameterError, match="engine lcm: a program cannot move the object"):
         robot.station.SetPlace(robot.context, Place(REST, FAR))
     with pytest.raises(ParameterError, match="by hand"):
         robot.station.SetRandomContext(robot.context, RandomGenerator(0))
