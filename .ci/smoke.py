@@ -8,11 +8,17 @@ import torch
 
 import pinwm_drake as pw
 from pinwm_drake.models import policy_path
+from pinwm_drake.spatial.poses import Pose
 
 
 def main() -> None:
     """Run the parts one after the other; an exception ends it."""
-    model, theta, start = pw.twin_physics(pw.load_twin("t_block"))
+    twin = pw.load_twin("t_block")
+    p_CO = torch.tensor([0.0, 0.0, 0.5], dtype=torch.float64, requires_grad=True)
+    camera = pw.Camera.from_field_of_view(64, 64, fov_y=0.4)
+    pw.render(twin.surfels, camera, Pose(torch.tensor([1.0, 0, 0, 0], dtype=torch.float64), p_CO)).color.sum().backward()
+    assert p_CO.grad.isfinite().all()
+    model, theta, start = pw.twin_physics(twin)
     theta.friction.requires_grad_()
     V_WP = torch.tensor([0, 0, 0, 0.1, 0, 0], dtype=torch.float64).repeat(240, 1, 1)
     end = pw.Stepper(model).rollout(theta, start, V_WP, record_every=240).frame(-1)

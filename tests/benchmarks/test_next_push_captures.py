@@ -71,6 +71,7 @@ def test_objects_are_closed_and_their_pieces_fill_them(name, folder):
     assert thing.base_points()[:, 2].max() < mesh.bounds[0, 2] + 0.002
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ENGINES)
 def test_a_cube_stands_still_and_slides_as_far_as_friction_lets_it(name, folder):
     roll_out, cube = require_engine(name), make_thing("cube", folder)
@@ -138,6 +139,7 @@ def posed(folder):
     return spec, thing, dataclasses.replace(made, rollouts=[short])
 
 
+@pytest.mark.nightly
 def test_poses_survive_their_file(posed, tmp_path):
     spec, thing, made = posed
     write_poses(tmp_path / "poses.npz", spec, thing, made)
@@ -158,6 +160,7 @@ def silhouette(mesh, X_WO, X_WC, camera):
     return np.isfinite(mesh_depth(corners[None], np.asarray(mesh.faces), camera, 1e-3)[0])
 
 
+@pytest.mark.nightly
 def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
     spec, thing, made = posed
     write_capture(tmp_path / "clean", spec, thing, made, pixels=96, views=8)
@@ -179,6 +182,7 @@ def test_a_clean_capture_shows_the_poses_and_can_be_read(posed, tmp_path):
         assert 0.75 * whole.sum() < mask.sum()
 
 
+@pytest.mark.nightly
 def test_a_realistic_capture_is_wrong_as_it_says(posed, tmp_path):
     spec, thing, made = posed
     mistakes = write_capture(tmp_path / "realistic", spec, thing, made, Realism(), pixels=96, views=8)

@@ -139,6 +139,7 @@ def test_a_folder_of_trajectories_without_any_is_refused(tmp_path):
         trained(SHORT, tmp_path, data=MethodData(trajectories=tmp_path / "none"))
 
 
+@pytest.mark.nightly
 def test_a_point_mass_is_moved_to_the_middle_after_learning_from_random_episodes_alone(tmp_path):
     worlds = PointMassWorlds(16, 16)
     recorded = tmp_path / "recorded"
