@@ -5,7 +5,7 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pinwm_drake.errors import InputError, require
+from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, option, request
 
 STRAIGHT = "straight"
@@ -61,11 +61,12 @@ class SessionOptions:
         """Folder of the trajectory.csv that is to be replayed; None for a straight push.
 
         Raises:
-            InputError: `push` is something else.
+            ParameterError: `push` is something else.
         """
         path = Path(self.push)
         if self.push != STRAIGHT and path.name != _TRAJECTORY_FILE:
-            raise InputError(self.push, allowed=f"{STRAIGHT}, or the path of a {_TRAJECTORY_FILE}")
+            allowed = f"{STRAIGHT}, or the path of a {_TRAJECTORY_FILE}"
+            raise ParameterError(f"--push: got {self.push!r}; allowed: {allowed}")
         return None if self.push == STRAIGHT else path.parent
 
 

@@ -40,7 +40,7 @@ def test_notes_go_to_standard_error(pinwm, folder, tmp_path):
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
-    twin, wanted = str(folder / "twin"), "allowed: a twin, as `pinwm identify` writes it"
+    twin, wanted = str(folder / "twin"), "allowed: a twin, as `pinwm identify` writes it, or one of t_block"
     (tmp_path / "a.html").mkdir()
     for arguments, message in (
         ([twin, "-o", "a.pdf"], "--out: got a.pdf; allowed: a name that ends in .html or .htm"),
@@ -53,7 +53,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, tmp_path):
         assert pinwm("report", *arguments) == (1, "", f"pinwm: {message}\n")
     code, output, errors = pinwm("report", twin, "--capture", str(tmp_path))
     assert (code, output) == (1, "")
-    assert errors.startswith(f"pinwm: {tmp_path / 'capture.yaml'}: got")
+    assert errors.startswith(f"pinwm: {tmp_path / 'capture.yaml'}: no such file")
     (tmp_path / "file").write_text("")
     code, _, errors = pinwm("report", twin, "-o", str(tmp_path / "file/a.html"))
     assert (code, errors.count("\n")) == (1, 1)

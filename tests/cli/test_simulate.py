@@ -56,9 +56,9 @@ def moved(output: str) -> list[float]:
         (["--duration", "nan"], "--duration: got nan; allowed: 0.01 to 600 s"),
         (["--video", "a.avi"], "--video: got a.avi; allowed: a name that ends in .mp4"),
         (["--record", "a.mp4"], "--record: got a.mp4; allowed: a name that ends in .html or .htm"),
-        (["--push", "round"], "round: allowed: straight, or the path of a trajectory.csv"),
+        (["--push", "round"], "--push: got 'round'; allowed: straight, or the path of a trajectory.csv"),
         (["--push", "no/trajectory.csv"], "no/trajectory.csv: no such file or directory; allowed: a file that"),
-        (["--twin", "no"], "no: no such folder; allowed: a twin, as `pinwm identify` writes it"),
+        (["--twin", "no"], "no: no such folder; allowed: a twin, as `pinwm identify` writes it, or one of t_block"),
     ],
 )
 def test_bad_input_is_one_line_and_exits_with_1(pinwm, scenario, tmp_path, arguments, message):

@@ -29,7 +29,7 @@ _GRADES = (
     (0.85, "fair", "The twin follows the video roughly"),
     (-np.inf, "poor", "The twin does not reproduce the video"),
 )
-_CLOSE = 0.05  # relative, of final losses that count as the same
+_CLOSE = 0.05  # relative, of losses that count as the same
 
 
 @dataclass(frozen=True)
@@ -100,18 +100,29 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
     others = [name for name in twin.theta if name not in known]
     known_words, other_words = (", ".join(names) or "none of the parameters" for names in (known, others))
     lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
-    final = np.array([history.loss[rows[-1]] for _, rows in history.starts()] if history is not None else [])
-    if np.isfinite(final).any():
-        best = float(np.nanmin(final))
-        close = int((final <= best + _CLOSE * abs(best)).sum())
-        number = len(final)
-        starts = f"Of {number} random starts, {close} agree within {_CLOSE:.0%}"
-        if number == 1:
-            starts = "There was 1 random start"
-        elif close == number:
-            starts = f"All {number} random starts agree within {_CLOSE:.0%}"
-        lines.append(f"{starts}; the best ends at a loss of {best:.4g}.")
+    if history is not None and (words := _starts_words(history)):
+        lines.append(words)
     return Verdict(status, headline, lines)
+
+
+def _starts_words(history: History) -> str:
+    """Sentence on how many random starts agree, and on the loss at the end; "" where nothing was evaluated.
+
+    Starts are compared in the first stage, which all of them go through: only the best are refined on larger pictures.
+    """
+    starts = [rows for _, rows in history.starts()]
+    firsts = [history.loss[rows[history.stage[rows] == history.stage[rows[0]]]] for rows in starts]
+    bests = np.array([np.min(loss, where=np.isfinite(loss), initial=np.inf) for loss in firsts])
+    if not np.isfinite(bests).any():
+        return ""
+    number, close = len(bests), int((bests <= bests.min() + _CLOSE * abs(bests.min())).sum())
+    words = f"Of {number} random starts, {close} agree within {100 * _CLOSE:.0f} %"
+    if number == 1:
+        words = "There was 1 random start"
+    elif close == number:
+        words = f"All {number} random starts agree within {100 * _CLOSE:.0f} %"
+    end = history.loss[max(starts, key=len)[-1]]
+    return f"{words}; the loss at the end is {end:.4g}."
 
 
 def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:

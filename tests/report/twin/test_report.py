@@ -22,7 +22,7 @@ from pinwm_drake.report.outline import boundary
 from pinwm_drake.report.page import data_uri, templates
 from pinwm_drake.report.twin.comparison_frames import Cast, draw_frame, draw_shots, window_of
 from pinwm_drake.report.twin.data import read_ground_truth, read_story
-from pinwm_drake.report.twin.report import write_twin_report
+from pinwm_drake.report.twin.report import _starts_words, write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.spatial.rotations import quaternion_exp
 from pinwm_drake.twin.twin import Estimate
@@ -94,7 +94,7 @@ def test_the_page_tells_everything(folder, page):
         "The twin follows the video roughly",
         "position 2.00 mm on average, 2.00 mm at most; rotation 0.00° on average",
         "which was never fitted",
-        "2 random starts; the best ends at a loss of 0.1067, and 2 within 5% of it",
+        "All 2 random starts agree within 5 %; the loss at the end is 0.1067",
         "The data determine friction_floor; they do not determine mass,",
         "0.300 0.270 to 0.330 yes 0.25 +20.0 %",
         "camera twin difference",
@@ -320,6 +320,26 @@ def test_ground_truth_has_the_names_of_a_twin(tmp_path):
     path = tmp_path / "ground_truth.yaml"
     path.write_text("mass: 1\nrestitution: 0.2\nrestitution_pusher: 3e-1\ninertia_xy: 0.0\nfriction_floor: null\n")
     assert read_ground_truth(path) == {"mass": 1.0, "restitution_floor": 0.2, "restitution_pusher": 0.3}
+
+
+def test_starts_agree_by_the_stage_that_all_of_them_go_through(tmp_path):
+    # Start 1 alone is refined, to half of the loss of the others.
+    stage = np.array(["coarse", "coarse", "coarse", "coarse", "fine", "fine"])
+    start, loss = np.array([0, 0, 1, 1, 1, 1]), np.array([0.2, 0.102, 0.3, 0.1, 0.08, 0.05])
+    arrays = {"iteration": np.array([0, 1, 0, 1, 2, 3]), "theta": np.zeros((6, 2)), "stage": stage, "start": start}
+    path = tmp_path / "history.npz"
+    for losses, words in (
+        (loss, "All 2 random starts agree within 5 %; the loss at the end is 0.05."),
+        (
+            np.where(start == 0, 2.0 * loss, loss),
+            "Of 2 random starts, 1 agree within 5 %; the loss at the end is 0.05.",
+        ),
+        (np.full(6, np.nan), ""),
+    ):
+        write_history(path, loss=losses, **arrays)
+        assert _starts_words(read_history(path)) == words
+    write_history(path, loss=loss, **(arrays | {"start": np.zeros(6, int), "iteration": np.arange(6)}))
+    assert _starts_words(read_history(path)) == "There was 1 random start; the loss at the end is 0.05."
 
 
 def test_numbers_have_the_digits_that_their_intervals_leave():
