@@ -16,7 +16,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 from tests.capture.cube import read_static_views
 from tests.capture.pushed_cube import read_frames
 
-SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "12"]
+SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "24"]
 SMALL += ["--supersampling", "1", "--distance", "0.02"]
 
 
@@ -32,7 +32,7 @@ def made(tmp_path_factory):
 
     out = tmp_path_factory.mktemp("simulate") / "capture"
     options = SimulateOptions(object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
-                              static_views=2, frames=8, rate=12.0, supersampling=1, distance=0.02, seed=3)  # fmt: skip
+                              static_views=2, frames=8, rate=24.0, supersampling=1, distance=0.02, seed=3)  # fmt: skip
     simulate(SimulateCaptureRequest(out, options))
     return out
 
@@ -184,7 +184,7 @@ def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path
     monkeypatch.setattr(camera, "light", lambda recorder, params: lit.append(params) or light(recorder, params))
     filmed, film = [], camera.LabCamera.film
     monkeypatch.setattr(camera.LabCamera, "film", lambda self, *args: filmed.append(args[-1]) or film(self, *args))
-    few = ["--size", "48", "--episodes", "1", "--static-views", "2", "--frames", "2", "--rate", "4"]
+    few = ["--size", "48", "--episodes", "1", "--static-views", "2", "--frames", "2", "--rate", "24"]
     few += ["--supersampling", "1", "--distance", "0.02", "--object", "t_block"]
     for seed in (1, 2):
         code, _, errors = pinwm(
