@@ -19,12 +19,15 @@ def align(request: AlignRequest) -> None:
 
     from pinwm_drake.experiments.alignment import align as run
     from pinwm_drake.rendering.fitting import CHECKPOINT_FILE
+    from pinwm_drake.report.live.page import PAGE_FILE
     from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, FILES, read_registration
     from pinwm_drake.spatial.rotations import quaternion_log
 
     out = request.out
     if request.resume and not (out / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {out}: starting anew")
+    if request.view:
+        say(f"open {out / PAGE_FILE} in a browser: it shows the run while it goes on")
     iteration = 0
     try:
         with stages_bar() as show:
@@ -40,6 +43,7 @@ def align(request: AlignRequest) -> None:
                 mesh_path=request.mesh,
                 options=request.fit,
                 resume=request.resume,
+                view=request.view,
                 progress=progress,
             )
     except KeyboardInterrupt:

@@ -8,6 +8,7 @@ an input was refused or a fault stopped the pusher, 130, 143 and 129 when Ctrl-C
 import logging
 import math
 import time
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -36,6 +37,7 @@ def control(request: ControlRequest) -> None:
     with stop_signals() as stop:
         import numpy as np
 
+        from pinwm_drake.files import prepare_folder
         from pinwm_drake.learning.bundle import read_bundle
         from pinwm_drake.systems.control.loop import ControlLoop
         from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -43,9 +45,11 @@ def control(request: ControlRequest) -> None:
         from pinwm_drake.systems.scenario.load import load_setup, with_url
         from pinwm_drake.systems.scenario.schema import MEMORY
         from pinwm_drake.systems.sdf.twin import contact_name
-        from pinwm_drake.systems.view.meshcat import make_meshcat
+        from pinwm_drake.systems.view.meshcat import make_meshcat, recorded
 
-        console, engine, armed = Console(), request.station_engine, request.arm
+        console, engine, armed, film = Console(), request.station_engine, request.arm, request.record
+        if film is not None:
+            prepare_folder(film.parent)
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(request.bundle)
         found = found if request.goal is None else found.toward(request.goal)
@@ -59,7 +63,7 @@ def control(request: ControlRequest) -> None:
         except ParameterError:
             if not request.force:
                 raise
-        page = make_meshcat(port=request.port) if request.meshcat else None
+        page = make_meshcat(port=request.port) if request.meshcat or film is not None else None
         loop = ControlLoop(
             found,
             found.limits,
@@ -69,21 +73,26 @@ def control(request: ControlRequest) -> None:
             simulate_arm=request.simulate_arm,
             contact=contact_name(request.contact),
             meshcat=page,
+            recording=film is not None,
         )
         place = loop.draw_place(np.random.default_rng(request.seed))
-        if page is not None:
+        if page is not None and request.meshcat:
             loop.simulator.set_target_realtime_rate(1.0)
             _await_browser(console, page)
-        loop.begin(place)
-        _announce(console, armed, request.simulate_arm, engine, setup, found.limits)
-        last = _run(console, loop, request.duration, stop, page)
+        recording = nullcontext() if film is None or page is None else recorded(page, film)
+        with recording:
+            loop.begin(place)
+            _announce(console, armed, request.simulate_arm, engine, setup, found.limits)
+            last = _run(console, loop, request.duration, stop)
+        if film is not None:
+            _tell(console, stop, f"wrote {film}")
         # What could go wrong now is no danger to a robot.
         _conclude(console, last, armed, request.duration, stop)
-        if page is not None and console.is_terminal and not stop():
+        if request.meshcat and console.is_terminal and not stop():
             _keep(console, stop)
 
 
-def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, meshcat: "Meshcat | None") -> "ControlRow":
+def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop) -> "ControlRow":
     """Run a loop for a duration [s] with a line now and then, disarm it whatever happens, and give its last row."""
     due, state = 0.0, ""
     try:
@@ -94,8 +103,6 @@ def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop, mes
             t = row.t - start
             if t >= due - 1e-6 or row.status.state != state:
                 _tell(console, stop, _line(t, row, time.perf_counter() - began))
-                if meshcat is not None:
-                    _show(meshcat, state, row)
                 due, state = t + _EVERY, row.status.state
     finally:
         loop.stop()
@@ -108,15 +115,6 @@ def _tell(console: Console, stop: Stop, line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True)
     except OSError:
         stop.close()
-
-
-def _show(meshcat: "Meshcat", before: str, row: "ControlRow") -> None:
-    """Show state and reason in Meshcat's panel of controls, as the names of buttons that do nothing."""
-    if before:
-        meshcat.DeleteAddedControls()
-    for words in (row.status.state, row.status.reason, row.status.estimate):
-        if words:
-            meshcat.AddButton(words)
 
 
 def _announce(
@@ -142,11 +140,17 @@ def _announce(
 
 
 def _await_browser(console: Console, meshcat: "Meshcat") -> None:
-    """Print the address of the page; on a terminal, waits a while for somebody to open it."""
+    """Print the address of the page; on a terminal, count down until somebody opens it or the time is over."""
     console.print(f"Meshcat is at {meshcat.web_url()}", highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        return
     end = time.monotonic() + _PATIENCE
-    while console.is_terminal and meshcat.GetNumActiveConnections() == 0 and time.monotonic() < end:
-        time.sleep(0.1)
+    with console.status("") as waiting:
+        while not (seen := meshcat.GetNumActiveConnections()) and (left := end - time.monotonic()) > 0:
+            waiting.update(f"waiting for a browser: the run begins in {math.ceil(left)} s at the latest")
+            time.sleep(0.1)
+    if not seen:
+        console.print(f"no browser opened the page within {_PATIENCE:g} s: the run begins", highlight=False)
 
 
 def _keep(console: Console, stop: Stop) -> None:

@@ -27,6 +27,7 @@ def identify(request: IdentifyRequest) -> None:
     from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
     from pinwm_drake.rendering.fitting import CHECKPOINT_FILE as FIT_CHECKPOINT
+    from pinwm_drake.report.live.page import PAGE_FILE
     from pinwm_drake.report.twin.score import pose_errors
 
     if request.directions is not None:
@@ -37,6 +38,8 @@ def identify(request: IdentifyRequest) -> None:
         say(f"no surfels in {twin}: aligning first")
     if request.resume and not (twin / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {twin}: starting anew")
+    if request.view:
+        say(f"open {twin / PAGE_FILE} in a browser: it shows the run while it goes on")
     try:
         with stages_bar() as progress:
             result = identify(
@@ -45,6 +48,7 @@ def identify(request: IdentifyRequest) -> None:
                 episodes=request.episodes,
                 options=options,
                 resume=request.resume,
+                view=request.view,
                 progress=progress,
             )
     except KeyboardInterrupt:

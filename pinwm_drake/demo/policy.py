@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: MIT
 """An episode of the policy that ships, in one engine."""
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from pinwm_drake.demo.options import DemoOptions
@@ -11,10 +9,8 @@ from pinwm_drake.experiments.evaluation.contestant import read_contestant
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner
 from pinwm_drake.experiments.evaluation.results import episode_film
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
-from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.film import EpisodeFilm
-from pinwm_drake.systems.sdf.colours import coloured_mesh
 from pinwm_drake.threads import one_torch_thread
 
 _HEIGHT = 320  # px, of the film
@@ -43,13 +39,4 @@ def run_policy(options: DemoOptions, scene: str, engine: Literal["twin", "hydroe
         runner = EpisodeRunner(read_contestant(request), request)
         record = runner.run(options.seed)
     env = runner.env
-    if engine != "twin":
-        return Performance(engine, record, episode_film(env, _HEIGHT), env.setup.period)
-    # The twin is drawn in the colours of its surfels.
-    twin = env.setup.twin
-    mesh, colours = coloured_mesh(load_mesh(twin.mesh_path), twin.surfels, "object.mtl")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "object.obj"
-        path.write_text(mesh, encoding="utf-8")
-        path.with_suffix(".mtl").write_text(colours, encoding="utf-8")
-        return Performance(engine, record, episode_film(env, _HEIGHT, path), env.setup.period)
+    return Performance(engine, record, episode_film(env, _HEIGHT), env.setup.period)

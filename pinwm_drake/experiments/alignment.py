@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 import trimesh
 
 from pinwm_drake.capture.paths import is_file
@@ -16,12 +17,17 @@ from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.rendering.fitting import FitResult, fit
+from pinwm_drake.rendering.fitting import FitResult, Now, fit
 from pinwm_drake.rendering.registration import register, registered
+from pinwm_drake.rendering.render import render
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View
+from pinwm_drake.report.live.page import Pair, ProgressPage
+from pinwm_drake.report.style import box_around, evenly
 from pinwm_drake.report.surfels.fit_results import write_fit_results
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
+_SHOWN = 4  # views on the page of a fit
 _CHECKPOINT_EVERY = 200  # iterations, some ten seconds
 # Bytes that a run may write: pictures and video; two checkpoints, page and PLY for each surfel.
 _SPACE, _SPACE_PER_SURFEL = 32_000_000, 2500
@@ -53,6 +59,7 @@ def align(
     mesh_path: Path | None = None,
     options: FitOptions | None = None,
     resume: bool = False,
+    view: bool = False,
     progress: Progress = silent,
 ) -> FitResult:
     """Fits surfels to images and writes them, figures, a page and a film; see `fit_results.FILES`.
@@ -63,6 +70,7 @@ def align(
         mesh_path: The object's mesh; None for that of the capture.
         options: Options of the fit; None for the default ones.
         resume: Flag: the fit goes on from the checkpoint in `out`, if there is one.
+        view: Flag: `progress.html` in `out` shows the fit while it goes on; see `ProgressPage`.
         progress: Called while the fit goes on, stage "fitting", and while it is drawn, stage "drawing".
 
     Returns:
@@ -77,16 +85,30 @@ def align(
     prepare_folder(out)
     _require_space(out, options.max_surfels)
 
+    page, share, figures = ProgressPage(out, f"Fit of surfels to {path.name}") if view else None, 0.0, ""
+
     def fitted(iteration: int, iterations: int, loss: float, psnr: float | None, surfels: int) -> None:
+        nonlocal share, figures
         quality = "" if psnr is None else f"  {psnr:.2f} dB"
-        figures = f"{iteration}/{iterations}  loss {loss:.5f}{quality}  {surfels:,} surfels"
-        progress("fitting", iteration / iterations, figures)
+        share, figures = (
+            iteration / iterations,
+            f"{iteration}/{iterations}  loss {loss:.5f}{quality}  {surfels:,} surfels",
+        )
+        progress("fitting", share, figures)
+        if page is not None:
+            page.add("fitting", loss)
+
+    def watched(now: Now) -> None:
+        if page is not None:
+            page.update(share, figures, lambda: _pairs(views, *now()))
 
     progress("fitting", 0.0, "getting ready")
     registration = register(source.views, source.mesh, source.up)
     views = registered(source.views, registration)
     often = replace(options, checkpoint_every=_CHECKPOINT_EVERY)
-    result = fit(views, source.mesh, often, folder=out, resume=resume, progress=fitted)
+    result = fit(views, source.mesh, often, folder=out, resume=resume, progress=fitted, watch=watched)
+    if page is not None:
+        page.end(figures, lambda: _pairs(views, result.surfels, result.camera_offset))
     write_fit_results(
         out,
         source.path,
@@ -130,6 +152,18 @@ def read_source(path: Path, mesh_path: Path | None) -> Source:
         X_WO, images, up = None, path, np.array([0.0, 0.0, 1.0])
     mesh = load_mesh(mesh_path)
     return Source(path, mesh_path, read_views(images, X_WO, mesh=mesh), mesh, up)
+
+
+def _pairs(views: list[View], surfels: Surfels, offset: tuple[float, float]) -> list[Pair]:
+    """Return some of the views, each with its rendering: the surroundings of the object in them."""
+    pairs = []
+    for k in evenly(len(views), _SHOWN):
+        view = views[k]
+        with torch.no_grad():
+            color = render(surfels, view.camera.shifted(offset), view.X_CO, full=False).color[0].numpy()
+        box = box_around(view.mask.numpy() > 0, 0.1, 1)
+        pairs.append((view.image.numpy()[box], color[box]))
+    return pairs
 
 
 def _require_space(out: Path, max_surfels: int) -> None:

@@ -22,6 +22,7 @@ from pinwm_drake.identification.search import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
+from pinwm_drake.report.live.page import ProgressPage
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.twin.twin import SURFELS_FILE
 from pinwm_drake.twin.write import write_twin
@@ -38,6 +39,7 @@ def identify(
     options: IdentifyOptions | None = None,
     fit_options: FitOptions | None = None,
     resume: bool = False,
+    view: bool = False,
     progress: Progress = silent,
 ) -> Identification:
     """Make a twin from a capture and write it: surfels where `out` has none yet, then theta of one push or more.
@@ -49,6 +51,7 @@ def identify(
         options: Options of the identification; None for the default ones.
         fit_options: Options of the surfels' fit; None for the default ones.
         resume: Flag: fit and identification go on from checkpoints in `out`.
+        view: Flag: `progress.html` in `out` shows the run while it goes on; see `ProgressPage`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
 
     Returns:
@@ -61,24 +64,32 @@ def identify(
     capture, pushes = read_pushes(path, episodes)
     prepare_folder(out)
     if not has_surfels(out):
-        align(path, out, options=fit_options, resume=resume, progress=progress)
+        align(path, out, options=fit_options, resume=resume, view=view, progress=progress)
     surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
     X_OS = read_registration(out / ALIGN_FILE)
 
+    page = ProgressPage(out, f"Identification of {capture.object.name}") if view else None
+
+    last: SearchProgress | None = None
+
     def searched(step: SearchProgress) -> None:
+        nonlocal last
+        last = step
         theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
-        progress(
-            "identifying",
-            step.done,
-            f"{step.stage}  "
-            + (f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"),
-        )
+        figures = f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"
+        progress("identifying", step.done, f"{step.stage}  {figures}")
+        if page is not None:
+            page.add(step.stage, step.loss)
+            page.update(step.done, f"{step.stage}  {figures}", step.pairs)
 
     progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
     options = IdentifyOptions() if options is None else options
     result = identify_theta(
         capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
     )
+    if page is not None:
+        pairs = list if last is None else last.pairs
+        page.end(f"loss {result.found.loss:.5f} after {result.found.seconds:.0f} s", pairs)
     twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
     result = replace(result, twin=twin)
     write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,7 +20,7 @@ from pinwm_drake.identification.adam import AdamState, descend
 from pinwm_drake.identification.checkpoint import Checkpoint
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.history import Log
-from pinwm_drake.identification.image_loss import BLOCKS
+from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.locate import LIMIT
 from pinwm_drake.identification.options import IdentifyOptions
@@ -42,6 +43,7 @@ _SIZES = (0.5, 1.0)
 # Mean of draws above a bound, in their standard deviations, below which they are densest at it: that of a normal
 # distribution whose peak is one of its own standard deviations above the bound, below which it is cut off, is 1.62.
 _DENSEST = 1.6
+_SKETCHES, _SKETCH_SIZE = 4, 80.0  # pictures that show a guess, and the longer side of the object in them, px
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
 
@@ -54,6 +56,9 @@ class Progress:
     stage: str  # "screen", "coarse", "fine" or "sample"
     loss: float  # Mean square of the stage's pictures for the best guess; not a number while draws are taken
     values: Mapping[str, float]  # Physical values of the free unknowns of that guess
+    # Function that gives some pictures of the first push and their renderings for that guess, each (height, width, 3)
+    # in [0, 1], sRGB
+    pairs: Callable[[], list[tuple[np.ndarray, np.ndarray]]] = list
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +164,7 @@ class Search:
         self.task, self.options, self.report = task, options, report
         self.coordinates = task.coordinates
         self.kept = Checkpoint(folder, about, resume=resume, every=options.checkpoint_every)
+        self._sketched: Problem | None = None
 
     def run(self) -> Found:
         """Search, or go on with an interrupted search.
@@ -278,7 +284,21 @@ class Search:
 
     def _show(self, stage: str, loss: float, z: Tensor, share: float) -> None:
         first, width = _SHARES[stage]
-        self.report(Progress(min(first + width * share, 1.0), stage, loss, self.coordinates.named(z)))
+        done, values = min(first + width * share, 1.0), self.coordinates.named(z)
+        self.report(Progress(done, stage, loss, values, lambda: self._sketch(z)))
+
+    @torch.no_grad()
+    def _sketch(self, z: Tensor) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Pictures and renderings for a guess z (p,); see `Progress`."""
+        if self._sketched is None:
+            self._sketched = self.task.problem(_SKETCH_SIZE, _SKETCHES, None)
+        push, values = self._sketched.pushes[0], self.coordinates.values(z[None], 0)
+        X_WO, alive = push.forward.shown(values)
+        if not bool(alive[0]):
+            return []
+        shown = rendered(push.pictures, push.surfels, X_WO, values["outline"], num_threads=self.task.num_threads)
+        pictures = zip(push.pictures.color, shown.color[:, 0].clamp(0, 1), strict=True)
+        return [(target.numpy(), rendering.numpy()) for target, rendering in pictures]
 
 
 def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[Surrogate, RefineState, int]:

@@ -35,6 +35,8 @@ _VERSION = 1
 _FREE = ("checkpoint_every",)
 
 Progress = Callable[[int, int, float, float | None, int], None]
+Now = Callable[[], tuple[Surfels, tuple[float, float]]]
+"""Function that gives the surfels of this moment, and the offset of the principal point [px]."""
 
 # An image that is met exactly has no PSNR; this one stands for it, dB.
 _MOST_PSNR = 100.0
@@ -81,6 +83,7 @@ def fit(
     folder: Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
+    watch: Callable[[Now], None] | None = None,
 ) -> FitResult:
     """Fits surfels to views, starting on the surface of the mesh.
 
@@ -98,6 +101,7 @@ def fit(
             fit that was not interrupted.
         progress: called after every iteration with its number from 1, the number of iterations, the loss, the mean PSNR
             of the held-out views when last measured (dB, None before that), and the number of surfels.
+        watch: called after `progress` with a function that gives the present surfels, which no step changes any more.
 
     Returns:
         The surfels and how good they are.
@@ -123,7 +127,7 @@ def fit(
     threads = options.num_threads or available()
     with one_torch_thread():
         return _Fit(train, test, mesh, options, threads, folder, _describe(views, mesh, options, threads)).run(
-            resume, progress
+            resume, progress, watch
         )
 
 
@@ -199,7 +203,7 @@ class _Fit:
         self.rows: list[tuple[float, float, float]] = []  # loss, PSNR, number of surfels
         self.tests: list[tuple[float, float]] = []  # iteration, PSNR
 
-    def run(self, resume: bool, progress: Progress | None) -> FitResult:
+    def run(self, resume: bool, progress: Progress | None, watch: Callable[[Now], None] | None) -> FitResult:
         options = self.options
         if resume and self.folder is not None:
             self._restore(read_arrays(self.folder / CHECKPOINT_FILE, self.about, "fit", self._arrays()))
@@ -216,6 +220,8 @@ class _Fit:
             if progress is not None:
                 measured = self.tests[-1][1] if self.tests else None
                 progress(self.iteration, options.iterations, loss, measured, self.state.num_surfels)
+            if watch is not None:
+                watch(self._now)
             if self.folder is not None and (
                 self.iteration % options.checkpoint_every == 0 or self.iteration == options.iterations
             ):
@@ -315,6 +321,12 @@ class _Fit:
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
         self.tests = [tuple(row) for row in arrays["tests"].tolist()]
 
+    def _now(self) -> tuple[Surfels, tuple[float, float]]:
+        """Surfels of this moment, with harmonics of the final degree, and the camera's offset [px]."""
+        x, y = self.state.tensors[CAMERA].detach().tolist()
+        surfels = self.state.surfels(self.options.sh_degree).detach()
+        return replace(surfels, q_OS=torch.nn.functional.normalize(surfels.q_OS, dim=-1)), (x, y)
+
     def _result(self) -> FitResult:
         rows, tests = np.array(self.rows).reshape(-1, 3), np.array(self.tests).reshape(-1, 2)
         history = History(
@@ -325,14 +337,12 @@ class _Fit:
             test_iteration=tests[:, 0].astype(np.int64),
             test_psnr=tests[:, 1],
         )
-        offset = self.state.tensors[CAMERA].detach().tolist()
-        surfels = self.state.surfels(self.options.sh_degree).detach()
-        surfels = replace(surfels, q_OS=torch.nn.functional.normalize(surfels.q_OS, dim=-1))
+        surfels, offset = self._now()
         return FitResult(
             surfels=surfels,
             history=history,
             psnr_train=self._measure(self.train),
             psnr_test=self._measure(self.test),
-            camera_offset=(offset[0], offset[1]),
+            camera_offset=offset,
             seconds=self.seconds,
         )

@@ -9,9 +9,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 
 @cache
-def _font(size: int) -> ImageFont.FreeTypeFont:
-    # matplotlib ships this font, so that it is there on every machine.
-    return ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size)
+def font(size: int, *, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """Return letters of a size [px]; Matplotlib ships them, so that they are there on every machine."""
+    properties = font_manager.FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")
+    return ImageFont.truetype(font_manager.findfont(properties), size)
 
 
 def write_caption(image: np.ndarray, *texts: str) -> np.ndarray:
@@ -24,6 +25,6 @@ def write_caption(image: np.ndarray, *texts: str) -> np.ndarray:
     height, size = image.shape[0], max(8, image.shape[0] // 27)
     for panel, text in zip(np.split(image, len(texts), axis=1), texts, strict=True):
         canvas = Image.fromarray(panel)
-        ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=_font(size), fill=(45, 52, 64))
+        ImageDraw.Draw(canvas).text((size, height - 2 * size), text, font=font(size), fill=(45, 52, 64))
         panel[:] = np.asarray(canvas)
     return image

@@ -2,12 +2,14 @@
 """Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 from pinwm_drake.report.camera import ViewCamera
 
@@ -19,6 +21,26 @@ _FLOOR = np.array([0.80, 0.82, 0.85])
 _SKY = np.array([0.93, 0.95, 0.97])
 _MINOR, _MAJOR = 0.02, 0.10  # spacing of the floor's grid lines [m]
 _SUPERSAMPLING = 2
+_APART = 0.005  # m, by which opposite sides of a wall are apart for `Paint`
+
+
+class Paint:
+    """Colours of a surface by place and direction: those of the nearest of some samples.
+
+    Args:
+        points: (n, 3) m, body frame.
+        normals: (n, 3), outward, unit.
+        colours: (n, 3), sRGB in [0, 1].
+    """
+
+    def __init__(self, points: np.ndarray, normals: np.ndarray, colours: np.ndarray) -> None:
+        self._tree = cKDTree(np.concatenate((points, _APART * normals), axis=1))
+        self._colours = np.clip(colours, 0, 1) ** _GAMMA
+
+    def at(self, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """Colours (k, 3), linear RGB, at points (k, 3) [m] with outward unit normals (k, 3), body frame."""
+        _, nearest = self._tree.query(np.concatenate((points, _APART * normals), axis=1))
+        return np.asarray(self._colours[nearest])
 
 
 @dataclass(frozen=True)
@@ -28,6 +50,7 @@ class Actor:
     corners_B: np.ndarray  # (n, 3, 3) [m], of each triangle, counter-clockwise from outside, body frame
     normals_B: np.ndarray  # (n, 3, 3), outward unit normals at the corners, body frame
     colour: np.ndarray  # (3,), linear RGB in [0, 1]
+    paint: Paint | None = None  # in place of the colour
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, colour: tuple[float, float, float], *, smooth: bool) -> "Actor":
@@ -66,16 +89,54 @@ class Surface:
     inverse_depth: np.ndarray  # (height, width) [1/m], 0 where there is nothing
     normal: np.ndarray  # (height, width, 3), outward, world, not quite of unit length where it is interpolated
     colour: np.ndarray  # (height, width, 3), linear RGB in [0, 1]
+    owner: np.ndarray  # (height, width) int, number of the actor; -1 where there is nothing
 
     @classmethod
     def empty(cls, camera: ViewCamera) -> "Surface":
         """Buffers in which nothing has been drawn."""
         shape = (camera.height, camera.width)
-        return cls(np.zeros(shape, np.float32), np.zeros((*shape, 3), np.float32), np.zeros((*shape, 3), np.float32))
+        three = (*shape, 3)
+        numbers = np.full(shape, -1, np.int16)
+        return cls(np.zeros(shape, np.float32), np.zeros(three, np.float32), np.zeros(three, np.float32), numbers)
+
+    @classmethod
+    def of(cls, camera: ViewCamera, actors: Sequence[tuple[Actor, np.ndarray, np.ndarray]]) -> "Surface":
+        """Buffers of actors, each with its pose R_WB (3, 3), p_WB (3,) [m]."""
+        surface = cls.empty(camera)
+        for number, (actor, R_WB, p_WB) in enumerate(actors):
+            draw_triangles(surface, camera, *actor.at(R_WB, p_WB), actor.colour, number)
+            if actor.paint is None:
+                continue
+            mine = surface.owner == number
+            p_W = camera.points(1 / surface.inverse_depth[mine], mine)
+            normals = surface.normal[mine] / np.linalg.norm(surface.normal[mine], axis=-1, keepdims=True)
+            surface.colour[mine] = actor.paint.at((p_W - p_WB) @ R_WB, normals @ R_WB)
+        return surface
+
+    def lit(self, shown: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Light of the pixels of a mask: sky from above, one lamp, and its highlight; (n, 3) linear RGB.
+
+        Args:
+            shown: (height, width) bool; a surface is there.
+            rays: (n, 3), unit, world: directions through these pixels.
+        """
+        normal, colour = self.normal[shown], self.colour[shown]
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        halfway = _LIGHT_W.astype(np.float32) - rays
+        halfway = halfway / np.linalg.norm(halfway, axis=-1, keepdims=True)
+        ambient = 0.36 + 0.14 * normal[:, 2:]
+        lamp = np.clip(normal @ _LIGHT_W.astype(np.float32), 0, 1)[:, None]
+        highlight = np.einsum("ij,ij->i", normal, halfway)[:, None]
+        return np.asarray(colour * (ambient + 0.72 * lamp) + 0.18 * np.clip(highlight, 0, 1) ** 40 * (lamp > 0))
 
 
 def draw_triangles(
-    surface: Surface, camera: ViewCamera, corners_W: np.ndarray, normals_W: np.ndarray, colour: np.ndarray
+    surface: Surface,
+    camera: ViewCamera,
+    corners_W: np.ndarray,
+    normals_W: np.ndarray,
+    colour: np.ndarray,
+    owner: int = 0,
 ) -> None:
     """Draws triangles where they are nearer than the surface in the buffers.
 
@@ -85,6 +146,7 @@ def draw_triangles(
         corners_W: (n, 3, 3) [m], corners of each triangle, counter-clockwise seen from outside, world.
         normals_W: (n, 3, 3), outward normal at each corner, world.
         colour: (3,), linear RGB in [0, 1].
+        owner: Number of the actor.
     """
     pixels, depths = camera.project(corners_W.reshape(-1, 3))
     pixels, inverse = pixels.reshape(-1, 3, 2), (1 / depths).reshape(-1, 3)
@@ -110,6 +172,12 @@ def draw_triangles(
         mix = np.stack([weight[shown] for weight in weights], axis=-1)
         surface.normal[window][shown] = mix @ normals_W[k].astype(np.float32)
         surface.colour[window][shown] = colour
+        surface.owner[window][shown] = owner
+
+
+def to_srgb(image: np.ndarray) -> np.ndarray:
+    """Picture (..., 3) uint8, sRGB, of linear RGB; values beyond 0 and 1 are cut off."""
+    return (255 * np.clip(image, 0, 1) ** (1 / _GAMMA) + 0.5).astype(np.uint8)
 
 
 class Stage:
@@ -120,14 +188,12 @@ class Stage:
         self.camera = camera
         self.floor_height = floor_height
         self._large = camera.scaled(_SUPERSAMPLING)
-        rays = self._large.rays().astype(np.float32)
-        self._empty = _floor_picture(camera.p_WC, rays, floor_height)
-        halfway = _LIGHT_W.astype(np.float32) - rays
-        self._halfway = halfway / np.linalg.norm(halfway, axis=-1, keepdims=True)
+        self._rays = self._large.rays().astype(np.float32)
+        self._empty = _floor_picture(camera.p_WC, self._rays, floor_height)
 
     def picture(
         self,
-        actors: list[tuple[Actor, np.ndarray, np.ndarray]],
+        actors: Sequence[tuple[Actor, np.ndarray, np.ndarray]],
         paths: list[tuple[np.ndarray, tuple[float, float, float]]],
     ) -> np.ndarray:
         """Picture of actors and paths on the floor.
@@ -139,21 +205,18 @@ class Stage:
         Returns:
             (height, width, 3) uint8, sRGB.
         """
-        placed = [(actor, *actor.at(R_WB, p_WB)) for actor, R_WB, p_WB in actors]
-        image = self._empty * self._shadow([corners for _, corners, _ in placed])
+        image = self._empty * self._shadow([actor.at(R_WB, p_WB)[0] for actor, R_WB, p_WB in actors])
         for points, colour in paths:
             if len(points) > 1:
                 on_floor = np.column_stack((points, np.full(len(points), self.floor_height)))
                 pixels = np.round(16 * self._large.project(on_floor)[0]).astype(np.int32)
                 cv2.polylines(image, [pixels], False, colour, 2 * _SUPERSAMPLING, cv2.LINE_AA, shift=4)
-        surface = Surface.empty(self._large)
-        for actor, corners_W, normals_W in placed:
-            draw_triangles(surface, self._large, corners_W, normals_W, actor.colour)
-        covered = surface.inverse_depth > 0
-        image[covered] = self._shade(surface, covered)
+        surface = Surface.of(self._large, actors)
+        covered = surface.owner >= 0
+        image[covered] = surface.lit(covered, self._rays[covered])
         size = (self.camera.width, self.camera.height)
         image = cv2.resize(np.clip(image, 0, 1), size, interpolation=cv2.INTER_AREA)
-        return (255 * image ** (1 / 2.2) + 0.5).astype(np.uint8)
+        return to_srgb(image)
 
     def _shadow(self, corners_W: list[np.ndarray]) -> np.ndarray:
         """Light that reaches the floor at each pixel: (height, width, 1), 1 in full light."""
@@ -167,15 +230,6 @@ class Stage:
                 cv2.fillConvexPoly(mask, triangle, 1.0, cv2.LINE_AA, shift=4)
         light = 1 - 0.5 * cv2.GaussianBlur(mask, (0, 0), self.camera.height / 110)
         return cv2.resize(light, (self._large.width, self._large.height))[..., None]
-
-    def _shade(self, surface: Surface, covered: np.ndarray) -> np.ndarray:
-        """Light on the covered pixels: sky from above, one lamp, and its highlight; (n, 3) linear RGB."""
-        normal, colour = surface.normal[covered], surface.colour[covered]
-        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        ambient = 0.36 + 0.14 * normal[:, 2:]
-        lamp = np.clip(normal @ _LIGHT_W.astype(np.float32), 0, 1)[:, None]
-        highlight = np.einsum("ij,ij->i", normal, self._halfway[covered])[:, None]
-        return colour * (ambient + 0.72 * lamp) + 0.18 * np.clip(highlight, 0, 1) ** 40 * (lamp > 0)
 
 
 def _floor_picture(p_WC: np.ndarray, rays: np.ndarray, height: float) -> np.ndarray:

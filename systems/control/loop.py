@@ -63,7 +63,8 @@ class ControlLoop:
         armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
         simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
         contact: Contact model of the simulated arm.
-        meshcat: Shows the scene, if given; with "lcm", the simulated arm.
+        meshcat: Shows the scene, the state and what the policy sees, if given; with "lcm", the simulated arm.
+        recording: Flag: Meshcat keeps what was shown, for a recording.
 
     Attributes:
         station: The station.
@@ -87,6 +88,7 @@ class ControlLoop:
         simulate_arm: bool = False,
         contact: ContactName = "hydroelastic",
         meshcat: Meshcat | None = None,
+        recording: bool = False,
     ) -> None:
         require("engine", f"{engine!r} with a simulated arm", not simulate_arm or engine == "lcm", "lcm")
         spec = bundle.spec
@@ -104,6 +106,22 @@ class ControlLoop:
             self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)
         self.controller = AddPolicyController(builder, self.station, bundle, limits)
+        self._shown = meshcat is not None
+        if meshcat is not None:
+            from pinwm_drake.systems.control.page import AddControlPage  # which loads Matplotlib
+
+            watched = self.station if self.driver is None else self.driver
+            AddControlPage(
+                builder,
+                self.controller,
+                self.station.GetOutputPort("rgb"),
+                watched.GetOutputPort("object_state"),
+                watched.GetOutputPort("pusher_state"),
+                meshcat,
+                setup,
+                recording=recording,
+                look=self.driver is None,
+            )
         self.simulator = Simulator(builder.Build())
         self._robot = engine == "lcm" and self.driver is None
         if self._robot:
@@ -213,6 +231,8 @@ class ControlLoop:
         handle = self.station.engine.handle
         if isinstance(handle, LcmHandle):
             handle.SendStop(self.simulator.get_context().get_time())
+        if self._shown:
+            self.simulator.get_system().ForcedPublish(self.simulator.get_context())
 
     def row(self) -> ControlRow:
         """Row of the present state."""

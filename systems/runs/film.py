@@ -1,18 +1,32 @@
 # SPDX-License-Identifier: MIT
 """The frames of a simulated episode's video: the scene for people, and beside it the station's `rgb`."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import pusher_surface
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.scene import PLAIN, Actor, Stage, coloured_actors
+from pinwm_drake.report.scene import PLAIN, Actor, Paint, Stage, coloured_actors
 from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.sdf.colours import surface_samples
 
 _HEIGHT = 480  # px, about, of the panels
 _PUSHER = (0.10, 0.25, 0.55)  # linear RGB
+
+
+def object_actors(setup: Setup) -> list[Actor]:
+    """Return the surfaces of a setup's object for pictures: in its own colours, or in those of its twin's surfels."""
+    if setup.visual_path != setup.twin.mesh_path:
+        return coloured_actors(setup.visual_path)
+    mesh = load_mesh(setup.twin.mesh_path)
+    actor = Actor.from_mesh(mesh, PLAIN, smooth=False)
+    triangles, normals, colours = surface_samples(mesh, setup.twin.surfels)
+    return [dataclasses.replace(actor, paint=Paint(triangles.mean(axis=1), normals, colours))]
 
 
 class Film:
@@ -33,7 +47,7 @@ class Film:
         focal = self._scale * float(camera.intrinsics[1])
         view = ViewCamera(setup.X_WC.rotation().matrix(), setup.X_WC.translation(), focal, width, height)
         self._stage = Stage(view, setup.twin.floor_height)
-        self._object = coloured_actors(setup.visual_path)
+        self._object = object_actors(setup)
         self._pusher = Actor.from_mesh(pusher_surface(setup.twin.pusher), _PUSHER, smooth=True)
         self._ways: list[np.ndarray] = []
         self.size = (2 * width // 2 * 2, height // 2 * 2)

@@ -34,23 +34,13 @@ def coloured_mesh(mesh: trimesh.Trimesh, surfels: Surfels, mtl_name: str) -> tup
     Returns:
         The texts of the OBJ file, with a normal for each face, and of the MTL file, in at most 32 colours.
     """
-    learned = (surfels.p_OS, surfels.logit_opacity, surfels.sh)
-    parts = tuple((one.shape, one.detach().double().numpy().tobytes()) for one in learned)
-    return _coloured(np.asarray(mesh.triangles, float).tobytes(), parts, mtl_name)
+    return _coloured(np.asarray(mesh.triangles, float).tobytes(), _parts(surfels), mtl_name)
 
 
 @functools.lru_cache(maxsize=16)
 def _coloured(corners: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...], mtl_name: str) -> tuple[str, str]:
     """`coloured_mesh` of triangles, and of centres, opacities and colours: each diagram of a twin asks for it."""
-    whole = np.frombuffer(corners).reshape(-1, 3, 3)
-    p_OS, logit_opacity, sh = (np.frombuffer(values).reshape(shape) for shape, values in parts)
-    extent = float(np.ptp(whole, axis=(0, 1)).max())
-    longest_edge = extent / _STEPS
-    while len(triangles := divided(whole, longest_edge)) > _TRIANGLES and longest_edge < extent:
-        longest_edge *= 1.5
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-    colours = _colours(triangles.mean(axis=1), normals, p_OS, logit_opacity, torch.tensor(sh))
+    triangles, normals, colours = _samples(corners, parts)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # fewer colours than that are no harm
         palette, owner = kmeans2(colours, _COLOURS, minit="++", rng=np.random.default_rng(0))
@@ -62,6 +52,37 @@ def _coloured(corners: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...], 
     plain = "Ka 0 0 0\nKs 0 0 0\nillum 1\n"
     materials = [f"newmtl colour_{k}\n{_rows('Kd', palette[k : k + 1])}\n{plain}" for k in np.unique(owner)]
     return "\n".join(lines) + "\n", "\n".join(materials)
+
+
+def surface_samples(mesh: trimesh.Trimesh, surfels: Surfels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return small triangles of a mesh in the colours of the surfels near them; arguments as for `coloured_mesh`.
+
+    Returns:
+        Corners (n, 3, 3) m and normals (n, 3), frame O; colours (n, 3), sRGB from 0 to 1.
+    """
+    return _samples(np.asarray(mesh.triangles, float).tobytes(), _parts(surfels))
+
+
+def _parts(surfels: Surfels) -> tuple[tuple[tuple[int, ...], bytes], ...]:
+    """Centres, opacities and colours as shapes and bytes, which a cache can tell apart."""
+    learned = (surfels.p_OS, surfels.logit_opacity, surfels.sh)
+    return tuple((one.shape, one.detach().double().numpy().tobytes()) for one in learned)
+
+
+@functools.lru_cache(maxsize=16)
+def _samples(
+    corners: bytes, parts: tuple[tuple[tuple[int, ...], bytes], ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`surface_samples` of triangles, and of centres, opacities and colours: each diagram of a twin asks for it."""
+    whole = np.frombuffer(corners).reshape(-1, 3, 3)
+    p_OS, logit_opacity, sh = (np.frombuffer(values).reshape(shape) for shape, values in parts)
+    extent = float(np.ptp(whole, axis=(0, 1)).max())
+    longest_edge = extent / _STEPS
+    while len(triangles := divided(whole, longest_edge)) > _TRIANGLES and longest_edge < extent:
+        longest_edge *= 1.5
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+    return triangles, normals, _colours(triangles.mean(axis=1), normals, p_OS, logit_opacity, torch.tensor(sh))
 
 
 def _colours(

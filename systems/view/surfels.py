@@ -9,10 +9,11 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfels.mesh import SurfelMesh
+from pinwm_drake.systems.view.sheets import show_sheets
 
 
 class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
-    """Publisher that draws the surfels of world 0, once, and moves them.
+    """Publisher that draws the surfels of world 0 as discs, once, and moves them.
 
                                                ┌────────────────┐
         object_state (13 W): q_WO, p_WO [m] ─► │ MeshcatSurfels │
@@ -32,13 +33,7 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         super().__init__()
         self._meshcat, self._path = meshcat, path
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
-        mesh = SurfelMesh.from_surfels(surfels)
-        meshcat.SetTriangleColorMesh(
-            path,
-            np.asfortranarray(mesh.vertices.T, np.float64),
-            np.asfortranarray(mesh.faces.T, np.int32),
-            np.asfortranarray(linear(mesh.colours).T, np.float64),
-        )
+        show_sheets(meshcat, path, SurfelMesh.from_surfels(surfels).sheets())
         self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
         self.DeclareForcedPublishEvent(self._Publish)
 
@@ -47,9 +42,3 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         X_WO = RigidTransform(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO)), p_WO)
         self._meshcat.SetTransform(self._path, X_WO, context.get_time())
         return EventStatus.Succeeded()
-
-
-def linear(colours: np.ndarray) -> np.ndarray:
-    """Colours in sRGB (n, 3), 0 to 1, as intensities: Meshcat takes those of corners for such."""
-    low = colours <= 0.04045
-    return np.asarray(np.where(low, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4))

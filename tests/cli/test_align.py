@@ -12,6 +12,7 @@ import pytest
 
 from pinwm_drake.experiments import alignment
 from pinwm_drake.rendering.ply import read_ply
+from pinwm_drake.report.live.page import PAGE_FILE, PICTURE_FILE, ProgressPage
 from tests.capture.cube import SIDE, write_capture, write_mesh, write_views
 from tests.streams import without_note
 
@@ -60,6 +61,33 @@ def test_align_writes_surfels_figures_video_and_page(pinwm, capture, tmp_path):
     assert cv2.imread(str(out / "align.png")).std() > 10
     assert cv2.VideoCapture(str(out / "turntable.mp4")).get(cv2.CAP_PROP_FRAME_WIDTH) == 48
     assert "renderSurfels" in (out / "view.html").read_text()
+
+
+def test_a_live_page_shows_the_fit_and_does_not_change_it(pinwm, capture, tmp_path, monkeypatch):
+    arguments = ["--iterations", "12", *SMALL]
+    seen, update = [], ProgressPage.update
+
+    def watched(self, *call):
+        update(self, *call)
+        if (tmp_path / "shown" / PAGE_FILE).exists():
+            seen.append((tmp_path / "shown" / PAGE_FILE).read_text())
+
+    monkeypatch.setattr(ProgressPage, "update", watched)
+    code, output, errors = pinwm("align", str(capture), str(tmp_path / "shown"), *arguments, "--view")
+    assert (code, errors) == (0, "")
+    assert f"open {tmp_path / 'shown' / PAGE_FILE} in a browser" in output
+    assert 'http-equiv="refresh"' in seen[0]
+    assert "8 %, 1/12  loss " in seen[0]
+    page = (tmp_path / "shown" / PAGE_FILE).read_text()
+    assert "refresh" not in page
+    assert "100 %, 12/12" in page
+    assert cv2.imread(str(tmp_path / "shown" / PICTURE_FILE)).std() > 10
+    assert pinwm("align", str(capture), str(tmp_path / "plain"), *arguments)[0] == 0
+    assert not (tmp_path / "plain" / PAGE_FILE).exists()
+    for name in ("surfels.ply", "view.html"):
+        assert (tmp_path / "shown" / name).read_bytes().replace(b"shown", b"plain") == (
+            tmp_path / "plain" / name
+        ).read_bytes()
 
 
 def test_a_bare_folder_needs_a_mesh_and_no_held_out_views(pinwm, tmp_path):

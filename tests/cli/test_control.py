@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT
 import dataclasses
+import io
+import math
 import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from pinwm_drake.cli import control
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.safety import default_limits
@@ -12,6 +16,7 @@ from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from tests.learning.bundles import exported, pictures, untrained_policy
 from tests.systems.stations import action_setup
+from tests.systems.view.test_meshcat import packed
 
 SIZE = 32
 
@@ -77,6 +82,45 @@ def test_a_fault_ends_it(pinwm, policy, tmp_path):
     assert re.search(r"the pusher was stopped: pusher is \S+ mm outside of its box", errors)
 
 
+def test_a_run_is_recorded_as_one_page_without_a_browser(pinwm, bundle, tmp_path):
+    path = tmp_path / "new/run.html"
+    options = ("--engine", "twin", "--arm", "--duration", "0.5", "--record", str(path))
+    code, output, errors = pinwm("control", bundle, *options)
+    assert (code, errors) == (0, "")
+    assert f"wrote {path}\n" in output
+    assert "Meshcat is at" not in output
+    page = path.read_text()
+    for name in (b"/station/goal", b"<object>/words/0", b"<object>/picture/0"):
+        assert any(name in command for command in packed(page)), name
+
+
+class Page:
+    """As much of Meshcat as waits for a browser; somebody opens it after so many looks."""
+
+    def __init__(self, looks: float):
+        self.looks = looks
+
+    def web_url(self):
+        return "http://localhost:7000"
+
+    def GetNumActiveConnections(self):
+        self.looks -= 1
+        return int(self.looks < 0)
+
+
+@pytest.mark.parametrize(
+    ("terminal", "looks", "said"), [(True, math.inf, True), (True, 2, False), (False, math.inf, False)]
+)
+def test_on_a_terminal_it_counts_down_until_somebody_opens_the_page(monkeypatch, terminal, looks, said):
+    monkeypatch.setattr(control, "_PATIENCE", 0.3)
+    written = io.StringIO()
+    control._await_browser(Console(file=written, force_terminal=terminal, width=200), Page(looks))
+    output = written.getvalue()
+    assert output.startswith("Meshcat is at http://localhost:7000\n")
+    assert ("waiting for a browser: the run begins in 1 s at the latest" in output) is terminal
+    assert ("no browser opened the page within 0.3 s: the run begins" in output) is said
+
+
 def test_the_arm_alone(pinwm):
     code, output, errors = pinwm(
         "arm", "--image-size", "16", "--contact", "point", "--duration", "0.2", "--lcm-url", "memq://"
@@ -96,6 +140,8 @@ def test_the_arm_alone(pinwm):
         (["--engine", "twin", "--lcm-url", "memq://"], "--lcm-url: got memq://; allowed: none, but for a robot"),
         (["--engine", "lcm", "--lcm-url", "udpm://239.255.76.67:7667?ttl=1"], "?ttl=0"),
         (["--engine", "lcm", "--meshcat"], "--meshcat: got True; allowed: none for a robot"),
+        (["--engine", "lcm", "--record", "a.html"], "--record: got a.html; allowed: none for a robot"),
+        (["--record", "a.mp4"], "--record: got a.mp4; allowed: a name that ends in .html or .htm"),
     ],
 )
 def test_what_is_refused(pinwm, bundle, options, message):

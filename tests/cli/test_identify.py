@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 import shutil
 
+import cv2
+import numpy as np
 import pytest
 
 from pinwm_drake import documents
@@ -61,10 +63,18 @@ def test_images_that_are_explained_badly_are_told():
 def test_one_unknown_alone(pinwm, capture, tmp_path):
     write_appearance(tmp_path)
     arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3", "--time-step", "0.005")
-    code, _, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments)
+    code, output, errors = pinwm("identify", str(capture), str(tmp_path), *QUICK, *arguments, "--view")
     assert (code, errors) == (0, "")
     read = load_twin(tmp_path)
     theta = read.theta
+    # A page showed the search while it went on.
+    page = (tmp_path / "progress.html").read_text()
+    assert f"open {tmp_path / 'progress.html'} in a browser" in output
+    assert "refresh" not in page
+    assert "Identification of cube" in page
+    picture = cv2.imread(str(tmp_path / "progress.png"))
+    pictures = picture[:, picture.shape[1] // 2 :]
+    assert np.ptp(pictures.astype(int), axis=2).max() > 60, "there is no picture in colours"
     assert read.time_step == 0.005
     # Where and when the push began is free, too: half of the interval is 12 % wide.
     assert theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.1)

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: MIT
+import dataclasses
 import math
 
 import cv2
 import numpy as np
 import pytest
+import torch
 import trimesh
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
-from pinwm_drake.report.scene import Actor, Stage, Surface, draw_triangles
+from pinwm_drake.report.scene import Actor, Paint, Stage, Surface, draw_triangles
 from pinwm_drake.report.video import write_video
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import matrix_to_quaternion
 
 RED, BLUE = (0.8, 0.05, 0.05), (0.05, 0.05, 0.8)
 
@@ -62,6 +67,46 @@ def test_the_nearer_body_hides_the_other_in_either_order():
             corners, normals = Actor.from_mesh(cube, colour, smooth=False).at(np.eye(3), p_WB)
             draw_triangles(surface, camera, corners, normals, np.array(colour))
         np.testing.assert_allclose(surface.colour[45, 80], RED, atol=1e-6)
+
+
+def test_a_painted_body_has_the_colours_of_the_nearest_samples():
+    camera = view(320, 180)
+    cube = trimesh.creation.box((0.2, 0.2, 0.2))
+    # Red on top, blue aside; a green sample beside each, of the other side of a wall, does not count.
+    points, faces = trimesh.sample.sample_surface(cube, 40000, seed=0)
+    normals = cube.face_normals[faces]
+    colours = np.where(normals[:, 2:] > 0.5, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    green = np.tile([0.0, 1.0, 0.0], (len(points), 1))
+    paint = Paint(np.tile(points, (2, 1)), np.concatenate((normals, -normals)), np.concatenate((colours, green)))
+    actor = dataclasses.replace(Actor.from_mesh(cube, RED, smooth=False), paint=paint)
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    for R_WB in (np.eye(3), turn):
+        surface = Surface.of(camera, [(actor, R_WB, np.array([0.0, 0.0, -0.1]))])
+        top = (surface.owner == 0) & (surface.normal[..., 2] > 0.9)
+        aside = (surface.owner == 0) & (surface.normal[..., 0] > 0.9)
+        assert min(top.sum(), aside.sum()) > 50
+        np.testing.assert_allclose(np.median(surface.colour[top], axis=0), [1, 0, 0], atol=1e-6)
+        np.testing.assert_allclose(np.median(surface.colour[aside], axis=0), [0, 0, 1], atol=1e-6)
+        assert not surface.colour[..., 1].any()
+
+
+def test_a_camera_of_a_capture_projects_as_its_intrinsics_say():
+    camera = Camera(60, 40, torch.tensor([50.0, 55.0, 28.0, 21.0], dtype=torch.float64))
+    looks = view()
+    pose = Pose(matrix_to_quaternion(torch.from_numpy(looks.R_WC)), torch.from_numpy(looks.p_WC))
+    found = ViewCamera.of(camera, pose)
+    p_C = np.array([[0.1, -0.05, 0.8], [0.0, 0.0, 2.0]])
+    p_W = p_C @ looks.R_WC.T + looks.p_WC
+    pixels, depths = found.project(p_W)
+    np.testing.assert_allclose(pixels, p_C[:, :2] / p_C[:, 2:] * [50, 55] + [28, 21], atol=1e-9)
+    np.testing.assert_allclose(depths, p_C[:, 2])
+    np.testing.assert_allclose(found.scaled(2).project(p_W)[0], 2 * pixels, atol=1e-9)
+    # Points and rays are inverse to that.
+    shown = np.zeros((40, 60), bool)
+    shown[10, 50] = True
+    there = found.points(np.array([1.5]), shown)
+    np.testing.assert_allclose(found.project(there)[0], [[50.5, 10.5]], atol=1e-9)
+    np.testing.assert_allclose(found.project(found.p_WC + found.rays()[10:11, 50])[0], [[50.5, 10.5]], atol=1e-9)
 
 
 def test_a_picture_shows_body_shadow_and_path():

@@ -27,6 +27,7 @@ from pinwm_drake.report.evaluation.film import EpisodeFilm
 from pinwm_drake.report.evaluation.report import EvaluationStory
 from pinwm_drake.report.scene import coloured_actors
 from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.runs.film import object_actors
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.registry import recipe_of
 
@@ -168,7 +169,7 @@ def episode_film(env: TaskEnv, height: int = _TILE, visual_path: Path | None = N
     return EpisodeFilm(
         ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), focal, width, height),
         setup.twin.floor_height,
-        coloured_actors(visual_path or setup.visual_path),
+        object_actors(setup) if visual_path is None else coloured_actors(visual_path),
         load_mesh(setup.twin.mesh_path),
         pusher_surface(setup.twin.pusher, sections=_SECTIONS),
         lambda record: env.task.with_goal(record.goal).goal_pose(setup.twin.floor_height),

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pinwm_drake.errors import require
+from pinwm_drake.experiments.requests.twins import require_suffix
 from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, option, request
 
 StationEngine = Literal["twin", "hydroelastic", "point", "lcm"]
@@ -109,6 +110,10 @@ class ControlRequest:
         "hydroelastic"
     )
     lcm_url: LcmUrl = None
+    record: Annotated[
+        Path | None,
+        option("HTML file of what Meshcat shows; it needs no server.", group=DATA, result="beside"),
+    ] = None
     meshcat: Annotated[bool, option("Show the run in a browser on this machine, in real time.", group=LAB)] = False
     port: Port = None
     seed: Seed = 0
@@ -118,6 +123,8 @@ class ControlRequest:
         robot = self.engine == "lcm" and not self.simulate_arm
         require("--lcm-url", self.lcm_url, self.lcm_url is None or robot, "none, but for a robot behind lcm")
         require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
+        require("--record", self.record, not (self.record and robot), "none for a robot, which can be filmed")
+        require_suffix("--record", self.record, ".html", ".htm")
 
     @property
     def station_engine(self) -> StationEngine:

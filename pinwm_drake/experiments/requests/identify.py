@@ -9,9 +9,10 @@ from typing import Annotated
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.request import BUDGET, DATA, FLATTEN, argument, option, request
+from pinwm_drake.request import BUDGET, DATA, FLATTEN, LAB, argument, option, request
 
 _Resume = Annotated[bool, option("Continue an interrupted run with the same input.", group=BUDGET)]
+_View = Annotated[bool, option("Show the run while it goes on, on the page progress.html in the folder.", group=LAB)]
 
 
 @request
@@ -28,6 +29,7 @@ class AlignRequest:
     mesh: Annotated[Path | None, option("Mesh of the object in metres.", group=DATA, default="the capture's")] = None
     fit: Annotated[FitOptions, FLATTEN] = dataclasses.field(default_factory=FitOptions)
     resume: _Resume = False
+    view: _View = False
 
 
 @request
@@ -57,6 +59,7 @@ class IdentifyRequest:
     search: Annotated[IdentifyOptions, FLATTEN] = dataclasses.field(default_factory=IdentifyOptions)
     directions: Annotated[int | None, option("Option of version 0.1 without effect.", hidden=True)] = None
     resume: _Resume = False
+    view: _View = False
 
     def options(self) -> IdentifyOptions:
         """Options of the search, with the unknowns of the request.

@@ -28,8 +28,9 @@ from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.gltf import png
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, Orbit
-from pinwm_drake.report.surfels.mesh import SurfelMesh
+from pinwm_drake.report.surfels.mesh import GAUSSIAN, SurfelMesh
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.twin.twin import Twin
 
@@ -51,6 +52,7 @@ class Solid:
     mesh: trimesh.Trimesh  # m, object frame O
     colour: int  # 0xrrggbb
     opacity: float  # 0 to 1
+    shown: bool = True  # at first
 
 
 def serve_surfels(
@@ -129,15 +131,18 @@ def _free_port(host: str, port: int | None) -> int:
 def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
     """Commands to meshcat that show the surfels around the origin, seen from the orbit's first look."""
     orbit, mesh = Orbit.around(surfels), SurfelMesh.from_surfels(surfels)
-    shape = _Triangles(mesh.vertices - orbit.target.astype(np.float32), mesh.normals, mesh.colours, mesh.faces)
-    # Unlit: the light of the pictures is in the colours.
-    look = geometry.MeshBasicMaterial(vertexColors=True)
     outward = -quaternion_to_matrix(orbit.pose(AZIMUTH, ELEVATION).q)[2]
     x, y, z = (_CLOSER * orbit.distance * outward).tolist()
     hidden = [commands.SetProperty("visible", False, ScenePath((name,))) for name in ("Grid", "Axes")]
     white = [commands.SetProperty(f"{end}_color", [1, 1, 1], ScenePath(("Background",))) for end in ("top", "bottom")]
     eye = commands.SetProperty("position", [x, z, -y], ScenePath(tuple(_CAMERA.strip("/").split("/"))))
-    surface = commands.SetObject(shape, look, ScenePath(("meshcat", "surfels")))
+    shift = orbit.target.astype(np.float32)
+    cores = geometry.TriangularMeshGeometry(mesh.core_vertices - shift, mesh.core_faces, mesh.core_colours)
+    # Unlit: the light of the pictures is in the colours.
+    opaque, soft = geometry.MeshBasicMaterial(vertexColors=True), _rim_material()
+    surface = [commands.SetObject(_Rims(mesh, shift), soft, ScenePath(("meshcat", "surfels", "rims")))]
+    if len(mesh.core_faces):
+        surface.append(commands.SetObject(cores, opaque, ScenePath(("meshcat", "surfels", "cores"))))
     others = [
         commands.SetObject(
             geometry.TriangularMeshGeometry(solid.mesh.vertices - orbit.target, solid.mesh.faces),
@@ -146,26 +151,36 @@ def _scene(surfels: Surfels, solids: Sequence[Solid]) -> list[dict[str, Any]]:
         )
         for solid in solids
     ]
-    return [command.lower() for command in (surface, *others, *hidden, *white, eye)]
+    hidden += [
+        commands.SetProperty("visible", False, ScenePath(("meshcat", one.name))) for one in solids if not one.shown
+    ]
+    return [command.lower() for command in (*surface, *others, *hidden, *white, eye)]
 
 
-class _Triangles(geometry.TriangularMeshGeometry):  # type: ignore[misc]
-    """Mesh of meshcat, with normals."""
+class _Rims(geometry.TriangularMeshGeometry):  # type: ignore[misc]
+    """Mesh of meshcat, with places in a texture, and colours with opacities."""
 
-    def __init__(self, vertices: np.ndarray, normals: np.ndarray, colours: np.ndarray, faces: np.ndarray) -> None:
-        super().__init__(vertices, faces, colours)
-        self.normals = normals
+    def __init__(self, mesh: SurfelMesh, shift: np.ndarray) -> None:
+        super().__init__(mesh.rim_vertices - shift, mesh.rim_faces)
+        self.mesh = mesh
 
     def lower(self, object_data: dict[str, Any]) -> dict[str, Any]:
         message: dict[str, Any] = super().lower(object_data)
-        message["data"]["attributes"]["normal"] = geometry.pack_numpy_array(self.normals.T)
+        for name, values in (("uv", self.mesh.rim_uv), ("color", self.mesh.rim_colours)):
+            message["data"]["attributes"][name] = geometry.pack_numpy_array(values.T)
         return message
 
 
+def _rim_material() -> geometry.MeshBasicMaterial:
+    """Material of rims, which are mixed with what is there and hide nothing."""
+    texture = geometry.ImageTexture(geometry.PngImage(png(GAUSSIAN)))
+    return geometry.MeshBasicMaterial(map=texture, vertexColors=True, transparent=True, depthWrite=False)
+
+
 def twin_solids(twin: Twin) -> list[Solid]:
-    """Return the mesh of a twin's object, translucent, and its pusher, which stands beside it on the same level."""
+    """Return the mesh of a twin's object, hidden at first, and its pusher, which stands beside it on the same level."""
     mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher)
     (low, high), size = mesh.bounds, pusher.extents
     place = np.array([high[0] + _APART * size[0], 0.5 * (low[1] + high[1]), low[2]])
     pusher.apply_translation(place - [pusher.bounds[0, 0], pusher.bounds[:, 1].mean(), pusher.bounds[0, 2]])
-    return [Solid("mesh", mesh, 0x808080, 0.25), Solid("pusher", pusher, 0x4A4A50, 1.0)]
+    return [Solid("mesh", mesh, 0x808080, 0.25, shown=False), Solid("pusher", pusher, 0x4A4A50, 1.0)]

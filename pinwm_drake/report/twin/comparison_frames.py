@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Pictures of an episode: its images beside renderings of the surfels at given poses, and their difference."""
+"""Pictures of an episode: its images beside renderings of the surfels at given poses, and their difference.
+
+Captures leave the pusher out; the pictures show it where its log has it.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +19,11 @@ from pinwm_drake.rendering.camera import Camera, zoomed
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.report.camera import ViewCamera
+from pinwm_drake.report.scene import PLAIN, Actor, Surface, to_srgb
 from pinwm_drake.report.style import evenly
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
+from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.twin.origin import of_push, time_offset
 from pinwm_drake.twin.twin import Twin
 
@@ -26,6 +32,8 @@ _COVERED = 0.5  # alpha from which on a pixel of a rendering shows the object
 _NEAR = 1e-3  # m; a mesh closer to the camera, or behind it, is not drawn
 _MARGIN = 0.06  # of the window in which the object moves
 _LOOKED_AT = 6  # frames in which the object is looked for
+_SECTIONS = 16  # sides of a pusher that is drawn
+PUSHER_COLOUR = (0.10, 0.25, 0.55)  # linear RGB
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +45,9 @@ class Cast:
     pusher: trimesh.Trimesh  # m, frame P
     camera_offset: tuple[float, float]  # px, to add to cx and cy
     time_offset: float = 0.0  # s, to add to a frame's time for that of the pusher
+    actors: tuple[Actor, Actor] | None = (
+        None  # the object, which hides the pusher, and the pusher; None to draw neither
+    )
     outline: float = 1.0  # factor by which the object is larger in the images than its surfels are
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, world: how far aside the camera shows the object
 
@@ -45,8 +56,10 @@ class Cast:
         """Cast of a twin for an identified push, by its number, or for another one; InputError for a mesh of no use."""
         outline = of_push(twin, "outline", push or 0, 1.0)
         x, y, z = (of_push(twin, f"view_{axis}", push or 0, 0.0) for axis in "xyz")
+        mesh, pusher = load_mesh(twin.mesh_path), pusher_surface(twin.pusher, sections=_SECTIONS)
         return Cast(
-            mesh=load_mesh(twin.mesh_path),
+            mesh=mesh,
+            actors=(Actor.from_mesh(mesh, PLAIN, smooth=False), Actor.from_mesh(pusher, PUSHER_COLOUR, smooth=True)),
             surfels=twin.surfels,
             pusher=pusher_surface(twin.pusher),
             camera_offset=twin.camera_offset,
@@ -66,6 +79,16 @@ class Picture:
     rendered: np.ndarray  # rendering of the surfels, in the form of `image`
     covered: np.ndarray  # pixels of the rendered surfels, in the form of `mask`
     hidden: np.ndarray  # (height, width) bool: the pusher is there, and the image shows no object
+    pusher: np.ndarray  # (height, width, 3) in [0, 1], sRGB: the pusher where its log has it
+    pusher_nearest: np.ndarray  # (height, width) bool: the pusher is there, and no object at its pose hides it
+
+    def shown_image(self) -> np.ndarray:
+        """Image (height, width, 3) in [0, 1] with the pusher, which captures leave out, where the log has it."""
+        return np.where(self.hidden[..., None], self.pusher, self.image)
+
+    def shown_rendering(self) -> np.ndarray:
+        """Rendering (height, width, 3) in [0, 1] with the pusher."""
+        return np.where(self.pusher_nearest[..., None], self.pusher, self.rendered)
 
     def shown_difference(self) -> np.ndarray:
         """Difference (height, width, 3) of the two in [0, 1], on white; light blue where the pusher hides."""
@@ -93,15 +116,46 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
     with torch.no_grad():
         rendering = render(cast.surfels, _zoomed(camera, mask, cast.outline), compose(X_CW, X_WO), full=False)
     X_WP = episode.pusher_pose(float(episode.t[k]) + cast.time_offset)
-    pusher = silhouette(cast.pusher, camera, compose(X_CW, X_WP))
+    outline = silhouette(cast.pusher, camera, compose(X_CW, X_WP))
+    covered = rendering.alpha[0].numpy() > _COVERED
+    hidden = np.zeros_like(mask) if outline is None else outline & ~mask
+    pusher, nearest = _draw_pusher(cast, ViewCamera.of(camera, episode.X_WC), X_WO, X_WP, covered)
     return Picture(
         t=float(episode.t[k]),
         image=image,
         mask=mask,
         rendered=rendering.color[0].clamp(0, 1).numpy(),
-        covered=rendering.alpha[0].numpy() > _COVERED,
-        hidden=np.zeros_like(mask) if pusher is None else pusher & ~mask,
+        covered=covered,
+        hidden=hidden,
+        pusher=pusher,
+        pusher_nearest=nearest,
     )
+
+
+def _draw_pusher(
+    cast: Cast, view: ViewCamera, X_WO: Pose, X_WP: Pose, covered: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Picture of the pusher (height, width, 3) in [0, 1], sRGB, and where it is seen (height, width) bool.
+
+    Nothing of it is seen where a body reaches behind the camera.
+    """
+    picture, seen = np.ones((view.height, view.width, 3)), np.zeros((view.height, view.width), bool)
+    if cast.actors is None:
+        return picture, seen
+    placed = [
+        (actor, quaternion_to_matrix(X.q).numpy(), X.p.numpy())
+        for actor, X in zip(cast.actors, (X_WO, X_WP), strict=True)
+    ]
+    corners = [actor.at(R, p)[0].reshape(-1, 3) for actor, R, p in placed]
+    if min(float(view.project(points)[1].min()) for points in corners) < _NEAR:
+        return picture, seen
+    surface = Surface.of(view, placed[1:])
+    drawn = surface.owner >= 0
+    picture[drawn] = to_srgb(surface.lit(drawn, view.rays()[drawn])) / 255
+    seen = drawn
+    if (drawn & covered).any():
+        seen = drawn & ((surface.inverse_depth > Surface.of(view, placed[:1]).inverse_depth) | ~covered)
+    return picture, seen
 
 
 def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
@@ -112,20 +166,25 @@ def _zoomed(camera: Camera, mask: np.ndarray, outline: float) -> Camera:
     return Camera(camera.width, camera.height, zoomed(camera.intrinsics, scale, about))
 
 
-def window_of(episode: Episode, poses: ObjectPoses, mesh: trimesh.Trimesh) -> tuple[slice, slice]:
-    """Return the rows and columns in which the object moves, as posed and as seen in a few images, with a margin.
+def window_of(episode: Episode, poses: ObjectPoses, cast: Cast) -> tuple[slice, slice]:
+    """Return the rows and columns in which the object moves, as posed and as seen in a few images, and the pusher.
 
-    They are all of them where the poses lead behind the camera. Raises InputError where an image cannot be used.
+    There is a margin around them. They are all of them where the poses lead behind the camera. Raises InputError where
+    an image cannot be used.
     """
-    X_WO = Pose(torch.from_numpy(poses.q_WO)[:, None], torch.from_numpy(poses.p_WO)[:, None])
-    X_CO = compose(inverse(episode.X_WC), X_WO)
-    corners = transform(X_CO, torch.from_numpy(np.array(mesh.vertices))[None]).reshape(-1, 3).numpy()
+    X_CW, times = inverse(episode.X_WC), [float(t) + cast.time_offset for t in episode.t]
+    X_WO = [Pose(torch.from_numpy(q), torch.from_numpy(p)) for q, p in zip(poses.q_WO, poses.p_WO, strict=True)]
+    parts = [(cast.mesh.vertices, X_WO), (cast.pusher.bounding_box.vertices, [episode.pusher_pose(t) for t in times])]
     size = np.array([episode.camera.width, episode.camera.height])
     everything = slice(0, int(size[1])), slice(0, int(size[0]))
-    if corners[:, 2].min() < _NEAR:
-        return everything
     fx, fy, cx, cy = episode.camera.intrinsics.tolist()
-    points = [corners[:, :2] / corners[:, 2:] * [fx, fy] + [cx, cy]]
+    points = []
+    for vertices, placed in parts:
+        corners = [transform(compose(X_CW, X), torch.from_numpy(np.array(vertices))).numpy() for X in placed]
+        p_C = np.concatenate(corners)
+        if p_C[:, 2].min() < _NEAR:
+            return everything
+        points.append(p_C[:, :2] / p_C[:, 2:] * [fx, fy] + [cx, cy])
     for k in evenly(len(episode.t), _LOOKED_AT):
         _, mask = read_episode_image(episode.folder, episode.file_names[k], episode.camera)
         points.append(np.argwhere(mask)[:, ::-1] + 0.5)
@@ -175,14 +234,15 @@ def draw_shots(
     Raises:
         InputError: An image cannot be used.
     """
-    window = window_of(episode, poses, cast.mesh)
+    window = window_of(episode, poses, cast)
     chosen, shots = evenly(len(episode.t), most), []
     for k in chosen:
         picture = draw_frame(episode, k, poses, cast)
         either = picture.mask | (picture.covered & ~picture.hidden)
         difference = float(np.abs(picture.image - picture.rendered)[either].mean()) if either.any() else 0.0
         camera, twin, shown = (
-            _shrunk(part[window], size) for part in (picture.image, picture.rendered, picture.shown_difference())
+            _shrunk(part[window], size)
+            for part in (picture.shown_image(), picture.shown_rendering(), picture.shown_difference())
         )
         shots.append(Shot(picture.t, picture.overlap(), difference, (camera, twin, shown)))
         report(len(shots) / len(chosen))

@@ -17,10 +17,11 @@ from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.figures.align import Strip, align_figure
 from pinwm_drake.report.orbit import AZIMUTH, ELEVATION, FIELD_OF_VIEW, Orbit, square_camera
-from pinwm_drake.report.surfels.mesh import CORNERS, SurfelMesh
+from pinwm_drake.report.surfels.mesh import CORNERS, GAUSSIAN, SurfelMesh, linear
 from pinwm_drake.report.surfels.page import write_surfel_page
 from pinwm_drake.report.surfels.turntable import to_bytes, turntable
 from pinwm_drake.spatial.poses import transform
+from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -83,30 +84,56 @@ def test_a_turntable_has_all_its_frames():
     assert not np.array_equal(frames[0], frames[1])
 
 
-def test_a_mesh_of_surfels_has_their_planes_sizes_and_colours():
+def test_a_mesh_of_surfels_has_their_planes_sizes_colours_and_opacities():
     surfels = cloud(degree=1)
+    surfels.logit_opacity[3] = -4.0
     mesh = SurfelMesh.from_surfels(surfels)
-    kept = torch.nonzero(surfels.logit_opacity.sigmoid() >= 0.3)[:, 0].numpy()
-    vertices = mesh.vertices.reshape(-1, CORNERS, 3)
-    assert len(vertices) == len(kept) < surfels.num_surfels
-    centres = surfels.p_OS.numpy()[kept]
-    np.testing.assert_allclose(vertices.mean(axis=1), centres, atol=1e-7)
-    offsets, normals = vertices - centres[:, None], mesh.normals.reshape(-1, CORNERS, 3)
-    np.testing.assert_allclose(np.einsum("nki,nki->nk", offsets, normals), 0, atol=1e-7)
-    # Four corners of a regular octagon, each 1/8 turn from an axis: sum of squares 4 (a^2 + b^2) of the half-axes.
-    half_axes = math.sqrt(2 * math.log(2)) * np.exp(surfels.log_scale.numpy()[kept])
-    np.testing.assert_allclose((offsets**2).sum(axis=(1, 2)), 4 * (half_axes**2).sum(axis=1), rtol=1e-3)
-    corners = mesh.vertices[mesh.faces]
-    around = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (np.einsum("ij,ij->i", around, mesh.normals[mesh.faces[:, 0]]) > 0).all()
-    colours = (0.5 + 0.28209479 * surfels.sh[:, 0].numpy()[kept]).clip(0, 1)
-    np.testing.assert_allclose(mesh.colours[::CORNERS], colours, atol=1e-6)
+    opacity = surfels.logit_opacity.double().sigmoid().numpy()
+    kept, hides = np.flatnonzero(opacity >= 0.05), np.flatnonzero(opacity > 0.5)
+    assert 0 < len(hides) < len(kept) < surfels.num_surfels
+    cores, rims = mesh.core_vertices.reshape(-1, CORNERS, 3), mesh.rim_vertices.reshape(-1, 4, 3)
+    assert (len(cores), len(rims)) == (len(hides), len(kept))
+    R_OS = quaternion_to_matrix(normalize_quaternion(surfels.q_OS.double())).numpy()
+    scale, p_OS = surfels.log_scale.double().exp().numpy(), surfels.p_OS.double().numpy()
+    # Alpha is half at the edge of a core, in every direction.
+    offsets = np.einsum("nij,nki->nkj", R_OS[hides], cores - p_OS[hides][:, None])
+    u = offsets[..., :2] / scale[hides][:, None]
+    alpha = opacity[hides][:, None] * np.exp(-0.5 * (u**2).sum(axis=-1))
+    np.testing.assert_allclose(alpha, 0.5, rtol=1e-3)
+    np.testing.assert_allclose(offsets[..., 2], 0, atol=1e-7)
+    # A rim reaches as far as its texture has the Gaussian.
+    u = np.einsum("nij,nki->nkj", R_OS[kept], rims - p_OS[kept][:, None])[..., :2] / scale[kept][:, None]
+    np.testing.assert_allclose(u, np.broadcast_to(2.5 * (2 * mesh.rim_uv[:4] - 1), u.shape), atol=1e-3)
+    side = len(GAUSSIAN)
+    at = 2.5 * (2 * (np.arange(side) + 0.5) / side - 1)
+    np.testing.assert_allclose(GAUSSIAN[side // 2, :, 3] / 255, np.exp(-0.5 * (at**2 + at[side // 2] ** 2)), atol=0.05)
+    for vertices, faces, count in ((cores, mesh.core_faces, CORNERS), (rims, mesh.rim_faces, 4)):
+        corners = vertices.reshape(-1, 3)[faces].astype(float)
+        around = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = R_OS[hides if count == CORNERS else kept][faces[:, 0] // count][:, :, 2]
+        assert (np.einsum("ij,ij->i", around, normals) > 0).all()
+    colours = (0.5 + 0.28209479 * surfels.sh[:, 0].numpy()).clip(0, 1)
+    np.testing.assert_allclose(mesh.core_colours[::CORNERS], colours[hides], atol=1e-6)
+    np.testing.assert_allclose(mesh.rim_colours[::4], np.column_stack((colours, opacity))[kept], atol=1e-6)
 
 
-def test_faint_surfels_are_a_mesh_when_there_are_no_others():
+def test_sheets_have_linear_colours():
+    mesh = SurfelMesh.from_surfels(cloud())
+    cores, rims = mesh.sheets()
+    assert rims.blend
+    assert not cores.blend
+    np.testing.assert_array_equal(rims.colours[:, 3], mesh.rim_colours[:, 3])
+    # The standard's own pair: half of the scale is 0.214 of the light.
+    np.testing.assert_allclose(linear(np.array([[0.5, 0.0, 1.0]])), [[0.21404, 0.0, 1.0]], atol=1e-5)
+
+
+def test_faint_surfels_are_rims_when_there_are_no_others():
     surfels = cloud()
-    faint = Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, torch.full((40,), -3.0), surfels.sh)
-    assert len(SurfelMesh.from_surfels(faint).vertices) == 40 * CORNERS
+    faint = Surfels(surfels.p_OS, surfels.q_OS, surfels.log_scale, torch.full((40,), -4.0), surfels.sh)
+    mesh = SurfelMesh.from_surfels(faint)
+    assert len(mesh.rim_vertices) == 40 * 4
+    assert len(mesh.core_vertices) == 0
+    assert len(mesh.sheets()) == 1
 
 
 def script(page: str, name: str) -> str:
@@ -181,7 +208,6 @@ const shots = [];
 const shoot = (action) => {
   action();
   frames.splice(0).forEach((frame) => frame());
-  draw(1);
   shots.push(pictures.at(-1));
 };
 const drag = (more) => {
@@ -219,6 +245,31 @@ def test_a_page_answers_mouse_and_keys(tmp_path):
     assert seen["sizes"] == [[60, 40]] * 7
     assert seen["changed"] == [True] * 6
     assert seen["back"]
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no node to run the page's script")
+def test_the_picture_at_rest_has_all_pixels_of_the_screen_strip_by_strip(tmp_path):
+    write_surfel_page(tmp_path / "a.html", cloud(), title="cloud")
+    page = (tmp_path / "a.html").read_text()
+    (interface,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    (tmp_path / "scene.json").write_text(script(page, "scene"))
+    large = BROWSER.replace("devicePixelRatio: 1", "devicePixelRatio: 3")
+    small = interface.replace("const STRIP = 2e5", "const STRIP = 4000")
+    strips = """
+frames.splice(0).forEach((frame) => frame());
+const [coarsest, ...rest] = pictures;
+// The same at once.
+const whole = rows(180, 120, 0, 120).bytes, joined = rest.flatMap((one) => Array.from(one.bytes));
+console.log(JSON.stringify({ sizes: rest.map((one) => [one.width, one.height]),
+  same: joined.length === whole.length && joined.every((value, i) => value === whole[i]) }));
+"""
+    source = large + script(page, "renderer").replace('"use strict";', "") + small + strips
+    (tmp_path / "run.js").write_text(source)
+    run = subprocess.run(["node", "run.js"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    seen = json.loads(run.stdout)
+    # 22 rows of 180 px in a strip; ratio 3 of 60 x 40.
+    assert seen["sizes"] == [[180, 22]] * 5 + [[180, 10]]
+    assert seen["same"]
 
 
 def test_the_page_shows_the_same_angle_of_view_as_the_turntable():

@@ -4,6 +4,7 @@ import html.parser
 import io
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -24,6 +25,7 @@ from pinwm_drake.report.twin.comparison_frames import Cast, draw_frame, draw_sho
 from pinwm_drake.report.twin.data import read_ground_truth, read_story
 from pinwm_drake.report.twin.report import _starts_words, write_twin_report
 from pinwm_drake.report.twin.score import pose_errors
+from pinwm_drake.spatial.poses import inverse, transform
 from pinwm_drake.spatial.rotations import quaternion_exp
 from pinwm_drake.twin.twin import Estimate
 from tests.report.samples import move, moved, write_history, write_identified, write_push
@@ -293,7 +295,7 @@ def test_renderings_at_the_true_poses_are_the_images(folder):
         assert np.abs(picture.image - picture.rendered)[seen].max() <= 1 / 255
         assert picture.hidden.any()
         assert not (picture.hidden & seen).any()
-    window = window_of(episode, moved(4), cast.mesh)
+    window = window_of(episode, moved(4), cast)
     assert 0 <= window[0].start < window[0].stop <= episode.camera.height
     aside = draw_frame(episode, 3, moved(4, by=0.03), cast)
     assert aside.overlap() < 0.7
@@ -303,6 +305,38 @@ def test_renderings_at_the_true_poses_are_the_images(folder):
     height, width, _ = shots[0].panels[0].shape
     assert max(height, width) <= 20
     assert height % 2 == width % 2 == 0
+
+
+def test_films_show_the_pusher_where_its_log_has_it(folder):
+    capture = load_capture(folder / "capture")
+    episode = read_episode(capture, "0000")
+    cast = Cast.of(write_identified(folder / "exact", folder / "capture"), 0)
+    picture = draw_frame(episode, 0, moved(4), cast)
+    p_C = transform(inverse(episode.X_WC), episode.pusher_pose(0.0).p[None])[0]
+    fx, fy, cx, cy = episode.camera.intrinsics.tolist()
+    there = np.array([fy * p_C[1] / p_C[2] + cy, fx * p_C[0] / p_C[2] + cx])
+    free = picture.hidden & picture.pusher_nearest & ~picture.covered
+    assert free.any()
+    # The capsule's ends are 30 mm from its middle.
+    assert np.linalg.norm(np.argwhere(free) + 0.5 - there, axis=1).max() < fx * 0.032 / float(p_C[2])
+    for shown, before in ((picture.shown_image(), picture.image), (picture.shown_rendering(), picture.rendered)):
+        assert (shown[free][:, 2] > shown[free][:, 0] + 0.1).all()
+        changed = np.abs(shown - before).max(axis=2) > 0.01
+        assert changed[free].all()
+        assert not changed[~(picture.hidden | picture.pusher_nearest)].any()
+    # One that is behind the object, as the twin has it, is hidden there; one in front hides it.
+    middle = moved(4).p_WO[0]
+    for towards, seen in ((-0.3, False), (0.3, True)):
+        p_WP = middle + towards * (episode.X_WC.p.numpy() - middle)
+        log = replace(episode.trajectory, p_WP=np.tile(p_WP, (len(episode.trajectory.t), 1)))
+        placed = draw_frame(replace(episode, trajectory=log), 0, moved(4), cast)
+        assert (placed.pusher_nearest & placed.covered).any() == seen
+    cast = replace(cast, actors=None)
+    np.testing.assert_array_equal(draw_frame(episode, 0, moved(4), cast).shown_rendering(), picture.rendered)
+    # The window of a film has all of it.
+    rows, columns = window_of(episode, moved(4), cast)
+    assert not picture.pusher_nearest[: rows.start].any()
+    assert not picture.pusher_nearest[:, : columns.start].any()
 
 
 def test_an_outline_ends_where_nothing_is_on_the_other_side():

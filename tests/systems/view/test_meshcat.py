@@ -37,11 +37,15 @@ def addresses(port: int) -> set[str]:
     return found
 
 
+def packed(html: str) -> list[bytes]:
+    """The commands that a page of Meshcat's carries, without the assets that these name."""
+    html = re.sub(r"casAssets\[.*", "", html)
+    return [base64.b64decode(text) for text in re.findall(r"octet-binary;base64,([A-Za-z0-9+/=]+)", html)]
+
+
 def messages(html: str) -> list[dict]:
-    """The commands that a page of Meshcat's carries."""
-    return [
-        umsgpack.unpackb(base64.b64decode(text)) for text in re.findall(r"octet-binary;base64,([A-Za-z0-9+/=]+)", html)
-    ]
+    """The same, unpacked."""
+    return [umsgpack.unpackb(message) for message in packed(html)]
 
 
 @pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's table of sockets")

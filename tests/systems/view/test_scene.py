@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import numpy as np
 import pytest
+import umsgpack
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.systems.view.meshcat import make_meshcat
@@ -49,6 +50,16 @@ def test_the_frustum_passes_through_the_images_corners():
     np.testing.assert_allclose(fx * end[0, :4] / 0.2 + cx, [0, 64, 64, 0], atol=1e-12)
     np.testing.assert_allclose(fy * end[1, :4] / 0.2 + cy, [0, 0, 48, 48], atol=1e-12)
     np.testing.assert_array_equal(end[:, 4:], np.roll(end[:, :4], -1, axis=1))
+
+
+def test_what_the_camera_sees_is_drawn_down_to_the_floor(meshcat, setup):
+    station(meshcat, setup)
+    lines = umsgpack.unpackb(meshcat._GetPackedObject("/station/camera"), raw=False)["object"]
+    points = np.frombuffer(lines["geometries"][0]["data"]["attributes"]["position"]["array"].data, "<f4").reshape(-1, 3)
+    heights = X_WC.multiply(points.T.astype(float))[2]
+    apex = np.abs(points).max(axis=1) < 1e-9
+    assert apex.sum() == 4
+    np.testing.assert_allclose(heights[~apex], setup.twin.floor_height + 0.001, atol=1e-6)
 
 
 def test_two_engines_stand_side_by_side(meshcat, setup):
