@@ -91,7 +91,8 @@ def _summary(result: "CheckResult") -> str:
         _count(result.errors, "error"),
         _count(result.warnings, "warning"),
         _count(result.views, "static view"),
-        f"{_count(episodes, 'episode')} of {_count(images, 'image')}",
+        _count(episodes, "episode"),
+        _count(images, "image"),
     )
     return ", ".join(parts)
 

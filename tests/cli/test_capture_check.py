@@ -15,7 +15,7 @@ def folder(tmp_path, monkeypatch):
 def test_a_good_capture_passes(pinwm, folder):
     code, out, err = pinwm("capture", "check", str(folder))
     assert (code, err) == (0, "")
-    assert out.strip() == f"{folder}: 0 errors, 0 warnings, 8 static views, 1 episode of 10 images"
+    assert out.strip() == f"{folder}: 0 errors, 0 warnings, 8 static views, 1 episode, 10 images"
 
 
 def test_errors_are_listed_with_file_row_and_value(pinwm, folder):
