@@ -212,7 +212,8 @@ def test_without_a_store_a_killed_worker_is_not_to_be_resumed(tmp_path):
         with suppress(ProcessLookupError):  # a second result may come before the death of the first worker is seen
             os.kill(begun(tmp_path)[0], signal.SIGKILL)
 
-    with pytest.raises(ParameterError, match=r"^--processes: got 2, .* for want of memory; allowed: fewer of them$"):
+    message = r"^--processes: one of 2 .* for want of memory; start again, with fewer --processes$"
+    with pytest.raises(ParameterError, match=message):
         Executor(workers=2, option="--processes").map(partial(gate, tmp_path), range(40), on_result=kill)
 
 

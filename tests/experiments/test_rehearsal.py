@@ -7,6 +7,7 @@ import re
 import socket
 import time
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.rehearsal.faults import KINDS, kind_of
 from pinwm_drake.experiments.rehearsal.processes import Relay, robot_link
 from pinwm_drake.experiments.rehearsal.report import write_rehearsal_report
-from pinwm_drake.experiments.rehearsal.run import RESULTS_FILE, TRIALS_FILE, Trial, rehearse, summary
+from pinwm_drake.experiments.rehearsal.run import RESULTS_FILE, TRIALS_FILE, Trial, _share, rehearse, summary
 from pinwm_drake.experiments.requests.control import RehearseRequest
 from pinwm_drake.systems.arm.messages import image_message
 from pinwm_drake.systems.engines.lcm.link import make_lcm
@@ -149,6 +150,22 @@ def test_normal_work_is_good_unless_it_was_stopped():
 def test_requests_out_of_range(values, message):
     with pytest.raises(ParameterError, match=message):
         RehearseRequest("push_t", **values)
+
+
+@pytest.mark.parametrize(
+    ("options", "faults", "kinds", "expected"),
+    [
+        ({"faults": True}, 4, ["a", "a"], 0.5),
+        ({"episodes": 4}, 0, ["", "", ""], 0.75),
+        ({"faults": True, "episodes": 4}, 4, ["a", "a", "a", "a", "", ""], 0.75),
+        ({"minutes": 1.0}, 0, ["", ""], 1.0 / 3.0),
+        ({"minutes": 1.0}, 0, [""] * 9, 1.0),
+    ],
+)
+def test_the_share_that_is_done_counts_trials_and_minutes(options, faults, kinds, expected):
+    request = RehearseRequest("push_t", **options)
+    trials = [SimpleNamespace(kind=kind, duration=10.0) for kind in kinds]
+    assert _share(request, faults, trials) == pytest.approx(expected)
 
 
 def test_a_rehearsal_goes_on_where_it_was_cut_off(tmp_path):
