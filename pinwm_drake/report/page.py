@@ -5,6 +5,7 @@ import base64
 import io
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,9 @@ from pinwm_drake.files import replacing
 from pinwm_drake.twin.twin import Estimate
 
 Frame = tuple[float, np.ndarray, str]  # time [s], picture (height, width, 3) uint8 sRGB, caption
+_NOTHING = 1e-6  # width of an interval that says nothing, as a share of the value
 _QUALITY = 88  # of JPEG
+_READABLE = {"m": ("mm", 1e3), "rad": ("°", 180 / math.pi), "s": ("ms", 1e3)}
 
 
 def write_page(path: Path, template: str, **contents: Any) -> None:
@@ -50,11 +53,18 @@ def _frames(pictures: Iterable[Frame]) -> list[dict[str, Any]]:
     return [{"t": round(t, 6), "src": data_uri(picture), "words": words} for t, picture, words in pictures]
 
 
+def readable(estimate: Estimate) -> Estimate:
+    """Return an estimate of a length, an angle or a time in mm, degrees or ms; others as they are."""
+    unit, scale = _READABLE.get(estimate.unit, (estimate.unit, 1.0))
+    interval = estimate.interval and (scale * estimate.interval[0], scale * estimate.interval[1])
+    return replace(estimate, value=scale * estimate.value, interval=interval, unit=unit)
+
+
 def interval_words(estimate: Estimate) -> tuple[str, str]:
-    """Value and interval in words, both to the digits that the interval leaves."""
-    if estimate.interval is None:
+    """Value and interval in words, to the digits that the interval leaves; a dash for none or one without width."""
+    low, high = estimate.interval or (estimate.value, estimate.value)
+    if high - low <= _NOTHING * abs(estimate.value):
         return f"{estimate.value:.4g}", "–"
-    low, high = estimate.interval
     digits = 4
     if 0.0 < high - low < math.inf and estimate.value != 0.0:
         digits = min(max(1 + math.ceil(math.log10(abs(estimate.value) / (high - low))), 3), 8)
@@ -82,5 +92,11 @@ templates = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
-templates.filters |= {"uri": data_uri, "frames": _frames, "interval": interval_words, "error": error_words}
+templates.filters |= {
+    "uri": data_uri,
+    "frames": _frames,
+    "interval": interval_words,
+    "error": error_words,
+    "readable": readable,
+}
 templates.tests["list"] = lambda value: isinstance(value, list)

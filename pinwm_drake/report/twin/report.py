@@ -100,13 +100,27 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
     others = [name for name in twin.theta if name not in known]
     known_words, other_words = (", ".join(names) or "none of the parameters" for names in (known, others))
     lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
-    final = np.array([history.loss[rows[-1]] for _, rows in history.starts()] if history is not None else [])
-    if np.isfinite(final).any():
-        best = float(np.nanmin(final))
-        close = int((final <= best + _CLOSE * abs(best)).sum())
-        starts = "1 random start" if len(final) == 1 else f"{len(final)} random starts"
-        lines.append(f"{starts}; the best ends at a loss of {best:.4g}, and {close} within {_CLOSE:.0%} of it.")
+    if history is not None and (words := _agreement(history)):
+        lines.append(words)
     return Verdict(status, headline, lines)
+
+
+def _agreement(history: History) -> str:
+    """Words on how many random starts came to the best loss of the first stage, which all of them end; "" for none.
+
+    Later stages refine some starts only, and their losses are of other pictures.
+    """
+    starts = [rows for _, rows in history.starts()]
+    stage = history.stage[starts[0][0]] if starts else ""
+    ends = [rows[history.stage[rows] == stage][-1:] for rows in starts]
+    final = np.array([history.loss[end[0]] if len(end) else np.nan for end in ends])
+    if not np.isfinite(final).any():
+        return ""
+    best = float(np.nanmin(final))
+    close = int((final <= best + _CLOSE * abs(best)).sum())
+    if len(final) == 1:
+        return f"1 random start came to a loss of {best:.4g}."
+    return f"{close} of {len(final)} random starts came to the same loss of {best:.4g}, within {_CLOSE:.0%}."
 
 
 def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:
