@@ -14,6 +14,7 @@ from pinwm_drake.files import replacing
 
 TWIN, TRUTH, PUSHER, GREY, GRID = "#c8432f", "#1f2937", "#2f5d9e", "#8a8f98", "#e3e5e8"
 _STEPS, _WIDE = (1.0, 2.0, 5.0), 100.0  # of a decade, with a number each, and range from which on decades have one
+BELOW_LABEL = 4.5  # of a legend below axes, in sizes of its letters, that leaves room for ticks and label
 STARTS = ("#2f5d9e", "#c8432f", "#3b8f5a", "#b07d1a", "#7a4fa3", "#3a9aa8", "#a1505f", "#6b7280")
 
 
@@ -39,6 +40,14 @@ def tidy(axes: Iterable[Axes]) -> None:
         one.grid(color=GRID)
         one.set_axisbelow(True)
         one.spines[["top", "right"]].set_visible(False)
+
+
+def plain_log(axes: Axes) -> None:
+    """Make the y axis logarithmic, with numbers such as 0.02 and 6 in place of powers of ten."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    axes.yaxis.set_minor_formatter(lambda value, _: f"{value:g}")
 
 
 def label_plane(axes: Axes) -> None:

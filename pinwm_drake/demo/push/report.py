@@ -27,7 +27,18 @@ from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.report.captions import write_caption
 from pinwm_drake.report.outline import silhouette
 from pinwm_drake.report.scene import Actor, Stage
-from pinwm_drake.report.style import GREY, GRID, PUSHER, TWIN, evenly, label_plane, new_figure, save_figure, tidy
+from pinwm_drake.report.style import (
+    BELOW_LABEL,
+    GREY,
+    GRID,
+    PUSHER,
+    TWIN,
+    evenly,
+    label_plane,
+    new_figure,
+    save_figure,
+    tidy,
+)
 from pinwm_drake.report.video import write_video
 
 _SIZE = (960, 540)  # px, of the film
@@ -138,7 +149,9 @@ def _draw_from_above(axes: Axes, mesh: trimesh.Trimesh, record: PushRecord) -> N
     axes.set_title(f"from above, every {times[-1] / (_SILHOUETTES - 1):.2f} s", fontsize=9, color=GREY)
     axes.grid(color=GRID)
     axes.set_axisbelow(True)
-    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncol=2)
+    axes.legend(
+        frameon=False, fontsize=8, ncol=2, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=BELOW_LABEL
+    )
 
 
 def _film(

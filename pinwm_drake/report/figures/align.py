@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from pinwm_drake.report.style import GREY, GRID, PUSHER, TWIN, box_around, new_figure, save_figure, show_picture
+from pinwm_drake.report.style import (
+    GREY,
+    GRID,
+    PUSHER,
+    TWIN,
+    box_around,
+    new_figure,
+    plain_log,
+    save_figure,
+    show_picture,
+)
 
 DIFFERENCE_GAIN = 4
 _MARGIN = 0.08  # of the object's box in the strips
@@ -54,7 +64,9 @@ def align_figure(
     if len(loss) >= window:
         smooth = np.convolve(loss[:, 1], np.full(window, 1 / window), mode="valid")
         curve.plot(loss[window - 1 :, 0], smooth, color=GREY, linewidth=1.5)
-    curve.set(ylabel="loss", yscale="log" if (loss[:, 1] > 0).all() else "linear")
+    curve.set(ylabel="loss")
+    if (loss[:, 1] > 0).all():
+        plain_log(curve)
     for name, values in psnr:
         held_out = name == "held out"
         marker, colour = "." if held_out or len(values) == 1 else "", TWIN if held_out else PUSHER

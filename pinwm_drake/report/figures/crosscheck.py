@@ -12,7 +12,18 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
 from pinwm_drake.report.outline import draw_outline
-from pinwm_drake.report.style import GREY, PUSHER, TRUTH, TWIN, label_plane, new_figure, save_figure, tidy
+from pinwm_drake.report.style import (
+    BELOW_LABEL,
+    GREY,
+    PUSHER,
+    TRUTH,
+    TWIN,
+    label_plane,
+    new_figure,
+    plain_log,
+    save_figure,
+    tidy,
+)
 
 _COLOURS = (TWIN, TRUTH, "#3b8f5a", "#b07d1a")
 _LEAST = 1e-2  # of a threshold: what is nearer than that is drawn there
@@ -63,10 +74,11 @@ def crosscheck_figure(
             values = 1e3 * np.array(one.translation) if name == "translation" else np.degrees(one.rotation)
             _draw_differences(axes[name], one, values, limit, unit, colour)
         axes[name].axhline(limit, color=GREY, linewidth=1.2, linestyle="--")
-        words, at = f"threshold of the median, {limit:g}{unit}", ("axes fraction", "data")
+        words, at = f"threshold of the median, {limit:.3g}{unit}", ("axes fraction", "data")
         axes[name].annotate(words, (0.0, limit), (3, 3), at, "offset points", fontsize=7, color=GREY)
         axes[name].xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes[name].set(yscale="log", xlabel="push", ylabel=f"{name} after rest [{unit.strip()}]")
+        plain_log(axes[name])
+        axes[name].set(xlabel="push", ylabel=f"{name} after rest [{unit.strip()}]")
         axes[name].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
     _draw_paths(axes["top"], mesh, paths, p_WP)
     axes["top"].set_title(f"push {worst}, the worst one, from above", fontsize=9, color=GREY)
@@ -79,7 +91,8 @@ def _draw_differences(axes: Axes, one: Differences, values: np.ndarray, limit: f
     numbers, finite = np.arange(len(values)), np.isfinite(values)
     with np.errstate(invalid="ignore"):
         median = float(np.nan_to_num(np.median(values), nan=np.inf, posinf=np.inf))
-    label = f"{one.engine}: median {median:.2g}{unit}, {'PASS' if one.passed else 'FAIL'}"
+    told = f"median {median:.2g}{unit}" if np.isfinite(median) else "no median"
+    label = f"{one.engine}: {told}, {'PASS' if one.passed else 'FAIL'}"
     axes.plot(numbers[finite], np.maximum(values[finite], _LEAST * limit), "o", color=colour, markersize=4, label=label)
     if not finite.all():
         top = max(values[finite].max(initial=0.0), 10 * limit)
@@ -100,4 +113,11 @@ def _draw_paths(
     axes.plot(*(1e3 * p_WP[:, :2].T), color=PUSHER, linewidth=1, linestyle="--", label="pusher")
     axes.set_aspect("equal")
     label_plane(axes)
-    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncol=len(paths) + 1)
+    axes.legend(
+        frameon=False,
+        fontsize=8,
+        ncol=len(paths) + 1,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=BELOW_LABEL,
+    )

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pinwm_drake.identification.history import History
-from pinwm_drake.report.style import GREY, TRUTH, TWIN, new_figure, start_colour, tidy
+from pinwm_drake.report.style import GREY, TRUTH, TWIN, new_figure, plain_log, start_colour, tidy
 from pinwm_drake.twin.twin import THETA, Estimate
 
 _MOST_STAGES = 12
@@ -24,7 +24,7 @@ def loss_figure(history: History) -> Figure:
         axes.plot(history.iteration[rows], history.loss[rows], **_line(history, number, rows), label=f"start {number}")
     finite = history.loss[np.isfinite(history.loss)]
     if len(finite) and finite.min() > 0:
-        axes.set_yscale("log")
+        plain_log(axes)
     _mark_stages(axes, history, named=True)
     axes.set(xlabel="iteration", ylabel="loss")
     if 0 < len(history.starts()) <= 12:

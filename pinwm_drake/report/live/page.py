@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from pinwm_drake.files import replacing
 from pinwm_drake.provenance import timestamp
 from pinwm_drake.report.page import write_page
-from pinwm_drake.report.style import GRID
+from pinwm_drake.report.style import GRID, plain_log
 
 PAGE_FILE, PICTURE_FILE = "progress.html", "progress.png"
 Pair = tuple[np.ndarray, np.ndarray]
@@ -96,7 +96,7 @@ def _figure(losses: dict[str, list[float]], pairs: Sequence[Pair]) -> Figure:
         curve.plot(np.arange(first + 1, first + len(values) + 1)[::step], values[::step], linewidth=1, label=stage)
         first += len(values)
     if losses and min(min(values) for values in losses.values()) > 0:
-        curve.set_yscale("log")
+        plain_log(curve)
     curve.set(xlabel="iteration", title="loss")
     if len(losses) > 1:
         curve.legend(frameon=False, fontsize=8)

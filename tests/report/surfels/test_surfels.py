@@ -323,7 +323,7 @@ except InputError as error:
 def test_a_video_that_does_not_fit_the_disk_is_refused_and_leaves_nothing(tmp_path):
     command = [sys.executable, "-c", FULL_DISK, str(tmp_path / "a.mp4")]
     run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "a.mp4: got a write that failed; allowed: a disk with enough space" in run.stdout
+    assert "a.mp4: got a film that could not be written to its end; allowed: a disk with enough space" in run.stdout
     assert list(tmp_path.iterdir()) == []
 
 
