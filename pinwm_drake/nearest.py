@@ -21,12 +21,15 @@ _WORD = re.compile(r"[\w./-]+")
 def nearest(error: PinwmError) -> str:
     """Return the allowed name, or the path that is there, nearest to what an error refuses; "" where none is near."""
     message = str(error).replace("\n", " ")
-    if isinstance(error, InputError) and not Path(error.path).exists():
+    missing = isinstance(error, InputError) and str(error.value or "no such").startswith("no such")
+    if isinstance(error, InputError) and missing and not Path(error.path).exists():
         names = _near(Path(error.path).name, _words(error.allowed))
         if found := names or _near_path(Path(error.path)):
             return found
     refused = next(filter(None, (pattern.search(message) for pattern in _REFUSED)), None)
-    if refused is None or refused["word"].startswith(("a ", "an ", "one ")):  # a thing in words, and no name
+    if refused is None or refused["word"].startswith(
+        ("a ", "an ", "one ", "neither ")
+    ):  # a thing in words, and no name
         return ""
     word, allowed = refused["word"], refused["allowed"]
     return _near(word, allowed.split(", ") if " " in word else _words(allowed))

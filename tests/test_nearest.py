@@ -14,6 +14,7 @@ from pinwm_drake.nearest import nearest
         (ParameterError("--engine: got 'TWIN'; allowed: twin, point"), "twin"),
         (ParameterError("--mesh: got a folder; allowed: a file"), ""),
         (ParameterError("--engine: got 'bullet'; allowed: twin, point"), ""),
+        (InputError("/", value="neither a.yaml nor b.json", allowed="a scan, or images with a b.json"), ""),
         (ParameterError("--worlds: got 0; allowed: 1 to 64"), ""),
         (InputError("/", value="an unknown option 'wrlds'", allowed="twin, worlds, out"), "worlds"),
         (InputError("/", value='an unknown key "frction" under theta', allowed="mass, friction"), "friction"),
@@ -37,3 +38,10 @@ def test_the_nearest_path_is_found(tmp_path, given, expected):
     (tmp_path / "twin/twin.yaml").write_text("")
     found = nearest(InputError(tmp_path / given, value="no such file", allowed="a twin"))
     assert found == (str(tmp_path / expected) if expected else "")
+
+
+def test_a_file_that_cannot_be_written_has_no_neighbour(tmp_path):
+    (tmp_path / "align.json").write_text("")
+    assert (
+        nearest(InputError(tmp_path / "align.png", value="File too large", allowed="a file that can be written")) == ""
+    )
