@@ -23,7 +23,9 @@ from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
-from pinwm_drake.twin.twin import SURFELS_FILE
+from pinwm_drake.spatial.poses import compose, inverse
+from pinwm_drake.twin.origin import seen_start
+from pinwm_drake.twin.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.write import write_twin
 
 # Parameters that the progress shows.
@@ -37,6 +39,7 @@ def identify(
     episodes: Sequence[str] = (),
     options: IdentifyOptions | None = None,
     fit_options: FitOptions | None = None,
+    appearance: Twin | None = None,
     resume: bool = False,
     progress: Progress = silent,
 ) -> Identification:
@@ -48,6 +51,7 @@ def identify(
         episodes: Names of the pushes; none for the first.
         options: Options of the identification; None for the default ones.
         fit_options: Options of the surfels' fit; None for the default ones.
+        appearance: A twin of the same object and static views, whose surfels are used; None for those in `out`.
         resume: Flag: fit and identification go on from checkpoints in `out`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
 
@@ -60,10 +64,14 @@ def identify(
     path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
     prepare_folder(out)
-    if not has_surfels(out):
-        align(path, out, options=fit_options, resume=resume, progress=progress)
-    surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
-    X_OS = read_registration(out / ALIGN_FILE)
+    if appearance is not None:
+        surfels, offset = appearance.surfels, appearance.camera_offset
+        X_OS = compose(inverse(capture.object.X_WO), seen_start(appearance, capture))
+    else:
+        if not has_surfels(out):
+            align(path, out, options=fit_options, resume=resume, progress=progress)
+        surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
+        X_OS = read_registration(out / ALIGN_FILE)
 
     def searched(step: SearchProgress) -> None:
         theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
