@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out
 
-.PHONY: demo test nightly smoke lint docs bench matrix setup clean
+.PHONY: demo test nightly smoke lint docs bench matrix notebooks setup clean
 
 demo: $(VENV)/.installed
 	$(BIN)/pinwm demo --out $(OUT)/demo
@@ -38,6 +38,10 @@ bench: $(VENV)/.installed-bench
 # Python 3.11 to 3.13, newest and oldest allowed versions: hours. `.ci/matrix PART ...` runs some of it.
 matrix: $(VENV)/.installed
 	.ci/matrix
+
+# Execute the notebooks, and store them with their outputs.
+notebooks: $(VENV)/.installed
+	$(BIN)/python notebooks/execute.py
 
 setup: $(VENV)/.installed
 

@@ -2,6 +2,7 @@
 from .capture.check import check_capture as check_capture
 from .capture.scene import load_capture as load_capture
 from .control.runner import Runner as Runner
+from .cousins.cousin import draw_cousins as draw_cousins
 from .experiments.alignment import align as align
 from .experiments.evaluation.run import evaluate as evaluate
 from .experiments.golden_samples import export_bundle as export_bundle
@@ -11,17 +12,27 @@ from .experiments.requests.evaluate import EvaluateRequest as EvaluateRequest
 from .experiments.requests.train import TrainRequest as TrainRequest
 from .experiments.training import train as train
 from .experiments.twins import identify as identify
+from .identification.options import IdentifyOptions as IdentifyOptions
 from .learning.bundle import read_bundle as read_bundle
+from .models import capture_path as capture_path
 from .physics.parameters import Parameters as Parameters
 from .physics.state import State as State
 from .physics.stepper import Stepper as Stepper
 from .rendering.camera import Camera as Camera
+from .rendering.fit_options import FitOptions as FitOptions
 from .rendering.render import render as render
 from .rendering.surfels import Surfels as Surfels
+from .report.inline_page import inline_page as inline_page
+from .systems.control.loop import make_control_loop as make_control_loop
 from .systems.crosscheck.crosscheck import crosscheck as crosscheck
+from .systems.crosscheck.options import CrossCheckOptions as CrossCheckOptions
 from .systems.envs.registration import ENV_IDS as ENV_IDS
 from .systems.runs.session import simulate as simulate
+from .systems.runs.session_options import SessionOptions as SessionOptions
+from .systems.scenario.load import load_setup as load_setup
+from .systems.scenario.start import Place as Place
 from .systems.station.station import make_station as make_station
+from .systems.view.meshcat import make_meshcat as make_meshcat
 from .twin.read import load_twin as load_twin
 from .twin.rollout import twin_physics as twin_physics
 

@@ -5,13 +5,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_folder
+from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.experiments.progress import Progress, silent
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.identification.locate import locate
+from pinwm_drake.report.figures.poses import motion_figure
+from pinwm_drake.report.inline_page import InlinePage, inline_page
+from pinwm_drake.report.style import PUSHER, TRUTH, TWIN
+from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
+from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
+from pinwm_drake.systems.view.motion import Moving, motion_page
 from pinwm_drake.twin.origin import identified_push, start_pose
 from pinwm_drake.twin.predict import Spread, mismatches, predict_poses, predict_spread
 from pinwm_drake.twin.read import load_twin
@@ -57,14 +67,57 @@ class Prediction:
         turn = float(turn_between(written.q, self.start.q)[2])
         return float((self.start.p - written.p)[:2].norm()), turn
 
+    @property
+    def errors(self) -> PoseErrors | None:
+        """Errors against the episode's recorded poses; None where it has none."""
+        truth = self.episode.object_poses
+        return None if truth is None else pose_errors(self.poses, truth)
+
+    def filmstrip(self, frames: int = 4, size: int = 150) -> np.ndarray:
+        """Picture of some frames side by side: what the camera saw, what the twin shows, and the difference below.
+
+        Args:
+            frames: Number of frames at most, evenly spaced.
+            size: Longer side of a frame at most, px.
+
+        Returns:
+            (height, width, 3) uint8, sRGB.
+
+        Raises:
+            InputError: An image of the episode cannot be read.
+        """
+        shots = draw_shots(self.episode, self.poses, Cast.of(self.twin, self.push), size=size, most=frames)
+        return np.concatenate([np.concatenate(shot.panels) for shot in shots], axis=1)
+
+    def figure(self) -> Figure:
+        """Figure of the object's motion over time: predicted, with its 95 % band, and as it was recorded."""
+        return motion_figure(self.poses, self.episode.object_poses, self.episode.trajectory, self.spread)
+
+    def meshcat(self, height: int = 420) -> InlinePage:
+        """Meshcat's page of the motion, for a notebook: predicted in red, recorded in grey, and the pusher in blue.
+
+        Args:
+            height: px, of the frame in the notebook.
+
+        Raises:
+            ParameterError: No port of this machine is free.
+        """
+        mesh, poses, truth, log = load_mesh(self.twin.mesh_path), self.poses, self.episode.object_poses, self.episode
+        bodies = {"twin": Moving(mesh, poses.t, poses.p_WO, poses.q_WO, to_rgb(TWIN))}
+        if truth is not None:
+            bodies["recorded"] = Moving(mesh, truth.t, truth.p_WO, truth.q_WO, to_rgb(TRUTH), 0.35)
+        pusher = log.trajectory
+        bodies["pusher"] = Moving(pusher_surface(self.twin.pusher), pusher.t, pusher.p_WP, pusher.q_WP, to_rgb(PUSHER))
+        return inline_page(motion_page(bodies, self.twin.floor_height), height)
+
 
 def predict(
-    twin: Path | str, episode: Path | str, *, find_start: bool = False, progress: Progress = silent
+    twin: Twin | Path | str, episode: Path | str, *, find_start: bool = False, progress: Progress = silent
 ) -> Prediction:
-    """Predicts the motion of an object in an episode from the pusher's log.
+    """Predict the motion of an object in an episode from the pusher's log.
 
     Args:
-        twin: Folder of the twin, or the name of one that ships.
+        twin: A twin, the folder of one, or the name of one that ships.
         episode: Folder of the episode, CAPTURE/episodes/NAME.
         find_start: Flag: the object is looked for in the first picture; otherwise it is where capture.yaml says.
         progress: Called with the stage "predicting".
@@ -72,7 +125,7 @@ def predict(
     Raises:
         PinwmError: A file cannot be used, or the physics found no solution.
     """
-    found = load_twin(twin)
+    found = twin if isinstance(twin, Twin) else load_twin(twin)
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
     progress("predicting", 0.0, "start of the object" if find_start else "motion")

@@ -24,7 +24,9 @@ from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.live.page import ProgressPage
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
-from pinwm_drake.twin.twin import SURFELS_FILE
+from pinwm_drake.spatial.poses import compose, inverse
+from pinwm_drake.twin.origin import seen_start
+from pinwm_drake.twin.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.write import write_twin
 
 # Parameters that the progress shows.
@@ -38,6 +40,7 @@ def identify(
     episodes: Sequence[str] = (),
     options: IdentifyOptions | None = None,
     fit_options: FitOptions | None = None,
+    appearance: Twin | None = None,
     resume: bool = False,
     view: bool = False,
     progress: Progress = silent,
@@ -50,6 +53,7 @@ def identify(
         episodes: Names of the pushes; none for the first.
         options: Options of the identification; None for the default ones.
         fit_options: Options of the surfels' fit; None for the default ones.
+        appearance: A twin of the same object and static views, whose surfels are used; None for those in `out`.
         resume: Flag: fit and identification go on from checkpoints in `out`.
         view: Flag: `progress.html` in `out` shows the run while it goes on; see `ProgressPage`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
@@ -63,10 +67,14 @@ def identify(
     path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
     prepare_folder(out)
-    if not has_surfels(out):
-        align(path, out, options=fit_options, resume=resume, view=view, progress=progress)
-    surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
-    X_OS = read_registration(out / ALIGN_FILE)
+    if appearance is not None:
+        surfels, offset = appearance.surfels, appearance.camera_offset
+        X_OS = compose(inverse(capture.object.X_WO), seen_start(appearance, capture))
+    else:
+        if not has_surfels(out):
+            align(path, out, options=fit_options, resume=resume, view=view, progress=progress)
+        surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
+        X_OS = read_registration(out / ALIGN_FILE)
 
     page = ProgressPage(out, f"Identification of {capture.object.name}") if view else None
 

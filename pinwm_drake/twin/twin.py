@@ -2,13 +2,14 @@
 """Twin of an object: geometry, physical parameters with their uncertainty, appearance, and provenance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pinwm_drake.capture.scene import Capture, PusherGeometry
+from pinwm_drake.errors import require
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Support
 
@@ -100,6 +101,28 @@ class Twin:
     surfels: Surfels
     provenance: dict[str, Any]
     draws: Draws | None = None
+
+    def with_theta(self, **values: float) -> "Twin":
+        """Return the twin with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
+
+        A mass without moments of inertia scales these too: the object keeps its shape. The values have no intervals,
+        and the twin has no draws any more.
+
+        Args:
+            values: Values by name, in SI units.
+
+        Raises:
+            ParameterError: There is no such parameter.
+        """
+        for name in values:
+            require("theta", repr(name), name in THETA, ", ".join(THETA))
+        theta, moments = dict(self.theta), [name for name in THETA if name.startswith("inertia")]
+        if "mass" in values and not any(name in values for name in moments):
+            scale = values["mass"] / theta["mass"].value
+            values |= {name: scale * theta[name].value for name in moments}
+        for name, value in values.items():
+            theta[name] = replace(theta[name], value=float(value), interval=None)
+        return replace(self, theta=theta, draws=None if values else self.draws)
 
 
 def assemble_twin(

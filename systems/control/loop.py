@@ -14,11 +14,15 @@ from pydrake.systems.framework import DiagramBuilder
 from pinwm_drake.control.pilot import Acting, ControlStatus
 from pinwm_drake.control.safety_filter import HALTED
 from pinwm_drake.errors import StateError, require
+from pinwm_drake.learning.bundle import Bundle
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.driver import ArmDriver
 from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
+from pinwm_drake.systems.envs.policy_scene import check_object, usual_scene
+from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
@@ -266,3 +270,30 @@ class ControlLoop:
     def _next(self) -> float:
         """Time [s] at which the action ends that goes on now."""
         return (round(self.simulator.get_context().get_time() / self._horizon) + 1) * self._horizon
+
+
+def make_control_loop(
+    bundle: Bundle,
+    engine: str = "twin",
+    *,
+    scene: Scene | None = None,
+    armed: bool = False,
+    meshcat: Meshcat | None = None,
+) -> ControlLoop:
+    """Make the loop of a policy in a simulated scene, within the policy's own limits.
+
+    Args:
+        bundle: The policy.
+        engine: Engine of the station: "twin", "hydroelastic" or "point".
+        scene: The scene, see `load_setup`; None for the one that ships for the policy's task and object.
+        armed: Flag: the pusher may move.
+        meshcat: Shows the scene, if given.
+
+    Raises:
+        InputError: The scene, or one of its files, cannot be used.
+        ParameterError: The scene has another object, pusher, floor or camera than the policy was trained with.
+    """
+    spec = bundle.spec
+    setup = environment_setup(load_setup(scene or usual_scene(spec)), EnvOptions(image_size=spec.camera.width))
+    check_object(spec, setup)
+    return ControlLoop(bundle, bundle.limits, setup, engine, armed=armed, meshcat=meshcat)

@@ -73,7 +73,7 @@ class PokeCheck:
         """Verdict on the twin."""
         return [(self.passed, "twin")]
 
-    def write(self, out: Path, setup: Setup, title: str) -> list[Path]:
+    def write(self, out: str | Path, setup: Setup, title: str) -> list[Path]:
         """Files of the check: there are none."""
         return []
 

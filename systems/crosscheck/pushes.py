@@ -135,7 +135,7 @@ class PushCheck:
         """Verdict on each engine: whether the twin agrees, and a line about it."""
         return [(verdict.passed, verdict.words(self.options)) for verdict in self.verdicts]
 
-    def write(self, out: Path, setup: Setup, title: str) -> list[Path]:
+    def write(self, out: str | Path, setup: Setup, title: str) -> list[Path]:
         """Write the table, with a row for each push and engine, and a figure.
 
         The table has SI units, radians and the world frame; shares of time are 0 to 1.
@@ -148,7 +148,8 @@ class PushCheck:
         Raises:
             InputError: A file cannot be written.
         """
-        table, figure = prepare_folder(out) / TABLE_FILE, out / FIGURE_FILE
+        out = prepare_folder(Path(out))
+        table, figure = out / TABLE_FILE, out / FIGURE_FILE
         with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(COLUMNS)

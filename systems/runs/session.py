@@ -9,7 +9,7 @@ from pydrake.common import RandomGenerator
 from pydrake.geometry import Meshcat
 
 from pinwm_drake.capture.episode_tables import read_trajectory
-from pinwm_drake.files import appearing
+from pinwm_drake.files import appearing, prepare_folder
 from pinwm_drake.report.video import write_video
 from pinwm_drake.systems.pusher.choice import random_push
 from pinwm_drake.systems.runs.episode import Episode, Record
@@ -136,7 +136,8 @@ def simulate(scene: Scene, options: SessionOptions | None = None) -> Record:
 
     Args:
         scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
-        options: Engine, push, duration, and files to write; None for a straight push in the scene's own engine.
+        options: Engine, push, duration, and files to write, whose folders are made if need be; None for a straight push
+            in the scene's own engine.
 
     Returns:
         The motion of object and pusher.
@@ -144,7 +145,11 @@ def simulate(scene: Scene, options: SessionOptions | None = None) -> Record:
     Raises:
         PinwmError: The scene or an option cannot be used, or a file cannot be written.
     """
-    return Session(load_setup(scene), options or SessionOptions()).first()
+    options = options or SessionOptions()
+    for path in (options.out, options.video, options.record):
+        if path is not None:
+            prepare_folder(path.parent)
+    return Session(load_setup(scene), options).first()
 
 
 def _retries(station: SceneStation) -> int:

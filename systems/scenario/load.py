@@ -13,7 +13,7 @@ import numpy as np
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, shipped_scenarios
+from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, shipped_scenarios, twin_path
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
@@ -38,7 +38,7 @@ def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
 
     Args:
         scene: A setup, which is returned as it is; a scenario; the name of one that ships; its file or `package://`
-            URL; or the folder of a twin.
+            URL; or the folder of a twin, or the name of one that ships.
         twin: Folder of a twin that takes the place of the scenario's object; None for the scenario's own.
 
     Returns:
@@ -52,10 +52,10 @@ def load_setup(scene: Scene, *, twin: str | Path | None = None) -> Setup:
         return scene
     if isinstance(scene, Scenario):
         scenario = scene
-    elif Path(scene).is_dir():
+    elif (folder := twin_path(scene)).is_dir():
         if twin is not None:
             raise InputError(scene, value=f"a twin's folder beside the twin {twin}", allowed="one of the two")
-        scenario = _twin_scenario(str(scene))
+        scenario = _twin_scenario(str(folder))
     else:
         scenario = dataclasses.replace(load_scenario(scenario_path(str(scene))), num_worlds=1)
     if twin is not None:

@@ -12,7 +12,7 @@ from pydrake.geometry import RenderEngineVtkParams
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
@@ -57,9 +57,7 @@ class Setup:
     renderer: RenderEngineVtkParams | None = None
 
     def with_theta(self, **values: float) -> "Setup":
-        """Return the setup with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
-
-        A mass without moments of inertia scales these too: the object keeps its shape.
+        """Return the setup with other values of the twin's parameters; see `Twin.with_theta`.
 
         Args:
             values: Values by name, in SI units.
@@ -67,15 +65,7 @@ class Setup:
         Raises:
             ParameterError: There is no such parameter.
         """
-        for name in values:
-            require("theta", repr(name), name in THETA, ", ".join(THETA))
-        theta, moments = dict(self.twin.theta), [name for name in THETA if name.startswith("inertia")]
-        if "mass" in values and not any(name in values for name in moments):
-            scale = values["mass"] / theta["mass"].value
-            values |= {name: scale * theta[name].value for name in moments}
-        for name, value in values.items():
-            theta[name] = dataclasses.replace(theta[name], value=float(value), interval=None)
-        return dataclasses.replace(self, twin=dataclasses.replace(self.twin, theta=theta))
+        return dataclasses.replace(self, twin=self.twin.with_theta(**values))
 
 
 def make_setup(scenario: Scenario, *, twin: Twin | None = None) -> Setup:

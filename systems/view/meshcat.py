@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Server of Meshcat, on this machine only unless told otherwise; recordings of its scene, and sliders for theta."""
 
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,10 +36,15 @@ def make_meshcat(host: str = LOCALHOST, port: int | None = None) -> Meshcat:
     """
     allowed = "an address of this machine and a free port, 1024 or more"
     require("host, port", f"{host}, {port}", port is None or 1024 <= port <= 65535, allowed)
+    log = logging.getLogger("drake")
+    before = log.level
+    log.setLevel(logging.WARNING)  # it tells the address, which callers do where it matters
     try:
         return Meshcat(MeshcatParams(host=host, port=port, show_stats_plot=False))
     except RuntimeError as error:
         raise ParameterError(f"host, port: got {host}, {port} ({error}); allowed: {allowed}") from error
+    finally:
+        log.setLevel(before)
 
 
 @contextmanager

@@ -1,28 +1,22 @@
 # SPDX-License-Identifier: MIT
-import os
-import sys
+import ast
 from pathlib import Path
 
 import matplotlib.font_manager
 import nbformat
 import psutil
 import pytest
-from jupyter_client.kernelspec import KernelSpec, KernelSpecManager
-from jupyter_client.manager import AsyncKernelManager
-from nbclient import NotebookClient
+
+from notebooks.execute import execute
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 30  # lines
+MOST_IMPORTS = 5  # lines of a notebook
+LARGEST = 700e3  # bytes of a stored notebook
+LONGEST_SENTENCE = 30  # words
 # Addresses that only this machine reaches.
 LOOPBACK = {"127.0.0.1", "::1", "::ffff:127.0.0.1"}
-
-
-class ThisPython(KernelSpecManager):
-    # The kernel is this interpreter's, whatever kernels there are on the machine.
-    def get_kernel_spec(self, kernel_name):
-        argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
-        return KernelSpec(argv=argv, display_name="Python 3", language="python")
 
 
 def listening(pid: int) -> set[str]:
@@ -40,6 +34,17 @@ def text_of(outputs, name):
     return "".join(output["text"] for output in outputs if output["output_type"] == "stream" and output["name"] == name)
 
 
+def code_of(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def kinds(notebook):
+    """Of each code cell, the streams and the kinds of data that it shows."""
+    return [
+        [output.get("name") or sorted(output.get("data", {})) for output in cell.outputs] for cell in code_of(notebook)
+    ]
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty working directory, with everything that Jupyter and its kernel leave behind beside it."""
@@ -47,11 +52,6 @@ def folder(tmp_path, monkeypatch):
     for name in (*jupyter, "TORCHINDUCTOR_CACHE_DIR", "TMPDIR"):
         (tmp_path / name).mkdir()
         monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setenv("PINWM_FAST", "1")
-    # The checkout itself is tested, installed or not.
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep))
-    # The kernel's own; "agg", which a machine without a display may have set, would show no figure.
-    monkeypatch.delenv("MPLBACKEND", raising=False)
     # It would be seen that a browser was opened.
     monkeypatch.setenv("BROWSER", f"touch {tmp_path / 'browser'} %s")
     # Built once for each machine, with a warning.
@@ -60,40 +60,18 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "work"
 
 
-def execute(notebook, folder: Path) -> set[str]:
-    """Runs a notebook in a kernel of its own; the addresses on which it could be reached."""
-    reached = set()
-
-    def watch(cell, cell_index, execute_reply):
-        reached.update(listening(client.km.provisioner.pid))
-
-    client = NotebookClient(
-        notebook,
-        km=AsyncKernelManager(kernel_spec_manager=ThisPython()),
-        timeout=600,
-        resources={"metadata": {"path": str(folder)}},
-        on_cell_executed=watch,
-    )
-    # Where ipykernel sees this variable, it leaves what is not written by Python out of the cells' outputs.
-    env = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
-    client.execute(cleanup_kc=True, env=env)  # raises CellExecutionError where a cell fails
-    return reached
-
-
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs(path, folder):
-    notebook = nbformat.read(path, as_version=4)
-    reached = execute(notebook, folder)
-    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
-    outputs = [output for cell in cells for output in cell.outputs]
+def test_notebook_runs_and_shows_what_is_stored(path, folder):
+    stored, notebook = (nbformat.read(path, as_version=4) for _ in range(2))
+    reached = set()
+    execute(notebook, folder, lambda process: reached.update(listening(process)))
+    outputs = [output for cell in code_of(notebook) for output in cell.outputs]
     assert text_of(outputs, "stderr") == ""
     assert "127.0.0.1" in reached  # the kernel itself, or nothing was seen
     assert reached <= LOOPBACK
-    # There is something to see, and the last cell's own checks were made.
-    assert any("image/png" in output.get("data", {}) for output in outputs)
-    assert "assert " in cells[-1].source
-    assert text_of(cells[-1].outputs, "stdout").strip() == "all checks hold"
-    assert [entry.name for entry in folder.iterdir()] == ["out"]
+    assert kinds(notebook) == kinds(stored)
+    assert text_of(code_of(notebook)[-1].outputs, "stdout").strip() == "all checks hold"
+    assert [entry.name for entry in folder.iterdir()] in ([], ["out"])
     assert not list((folder.parent / "TMPDIR").iterdir())
     assert not (folder.parent / "browser").exists()
 
@@ -105,11 +83,22 @@ os.write(2, b"not from Python")
 everywhere = socket.create_server(("0.0.0.0", 0))
 webbrowser.open("about:blank")"""
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source)])
-    assert "0.0.0.0" in execute(notebook, folder)
+    reached = set()
+    execute(notebook, folder, lambda process: reached.update(listening(process)))
+    assert "0.0.0.0" in reached
     words = text_of(notebook.cells[0].outputs, "stderr")
     assert "UserWarning: from Python" in words
     assert "not from Python" in words
     assert (folder.parent / "browser").exists()
+
+
+def test_what_is_stored_has_no_time_and_no_state_of_a_kernel(folder):
+    source = "import ipywidgets\nprint(1)\nipywidgets.IntSlider()"
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source)])
+    execute(notebook, folder)
+    assert set(notebook.metadata) == {"kernelspec", "language_info"}
+    assert not notebook.cells[0].metadata
+    assert kinds(notebook) == [["stdout"]]
 
 
 def test_there_are_notebooks():
@@ -117,16 +106,52 @@ def test_there_are_notebooks():
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_is_committed_clean(path):
+def test_notebook_is_stored_executed_and_small(path):
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
+    assert path.stat().st_size < LARGEST
     assert notebook.metadata.kernelspec == {"display_name": "Python 3", "language": "python", "name": "python3"}
     assert set(notebook.metadata) == {"kernelspec", "language_info"}
+    assert [cell.id for cell in notebook.cells] == [f"cell-{k:02d}" for k in range(1, len(notebook.cells) + 1)]
+    assert not any(cell.metadata for cell in notebook.cells)
+    code = code_of(notebook)
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell.outputs]
+    assert not [output for output in outputs if output.output_type == "error"]
+    assert any({"image/png", "image/jpeg"} & set(output.get("data", {})) for output in outputs)
+    assert "assert " in code[-1].source
+    assert text_of(code[-1].outputs, "stdout") == "all checks hold\n"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_short_to_read(path):
+    notebook = nbformat.read(path, as_version=4)
+    lines = [cell.source.splitlines() for cell in code_of(notebook)]
+    assert max(map(len, lines)) < LONGEST_CELL
+    trees = [ast.parse("\n".join(line for line in cell if not line.startswith("%"))) for cell in lines]
+    imports = [[node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)] for tree in trees]
+    assert sum(node.end_lineno - node.lineno + 1 for nodes in imports for node in nodes) <= MOST_IMPORTS
+    assert not any(imports[1:])  # the first cell has them all
+    assert "import pinwm_drake as pw" in lines[0]
+    words = [cell.source for cell in notebook.cells]
+    assert not [text for text in words if "FAST" in text]
+    # The first cell says for whom it is and what they can do then.
+    assert words[0].startswith("# ")
+    assert "\nFor " in words[0]
+    assert "After it you can" in " ".join(words[0].split())
     for cell in notebook.cells:
-        assert len(cell.source.splitlines()) < LONGEST_CELL, cell.source
-        assert not cell.metadata
-        if cell.cell_type == "code":
-            assert (cell.outputs, cell.execution_count) == ([], None)
-    # A tutorial begins with words.
-    assert notebook.cells[0].cell_type == "markdown"
-    assert notebook.cells[0].source.startswith("# ")
+        if cell.cell_type == "markdown":
+            assert not long_sentences(cell.source)
+
+
+def long_sentences(text: str) -> list[str]:
+    """Sentences of Markdown that are too long; headings, tables and code apart."""
+    prose = [line for line in text.splitlines() if not line.startswith(("#", "|", "    ", "$$"))]
+    paragraphs = " ".join(line or "." for line in prose)
+    sentences = paragraphs.replace("? ", ". ").replace(": ", ". ").split(". ")
+    return [one for one in sentences if len(one.split()) > LONGEST_SENTENCE]
+
+
+def test_a_long_sentence_would_be_seen():
+    assert long_sentences("word " * 31)
+    assert not long_sentences("| " + "word " * 31 + "|\n\n" + "word " * 29 + "end.\n\n" + "word " * 29)
