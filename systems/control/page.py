@@ -12,6 +12,7 @@ from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.control.pilot import ControlStatus
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
+from pinwm_drake.report.gltf import Sheet
 from pinwm_drake.report.notice import FAINT, INK, draw_notice
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -19,12 +20,16 @@ from pinwm_drake.systems.control.controller import PolicyController
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.view.board import FIELD_OF_VIEW, Board
 from pinwm_drake.systems.view.scene import PREFIX
+from pinwm_drake.systems.view.sheets import show_sheets
 from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 
+_EVERY = 0.5  # s, between two changes of the numbers
 _KEPT = 1000  # pictures of each board that a recording holds
-_RAISED = 0.001  # m, of lines above the floor
-_GOAL, _WORKSPACE = Rgba(0.05, 0.55, 0.20), Rgba(0.45, 0.48, 0.52)
+_RAISED = 0.0005  # m, of what is drawn above the floor
+_RIM = 0.003  # m, width of the goal's outline
+_GOAL, _WITHIN = np.array([0.01, 0.25, 0.03]), np.array([0.45, 0.75, 0.48])  # linear RGB
+_WORKSPACE = Rgba(0.45, 0.48, 0.52)
 _WORDS = {
     "disarmed": ("disarmed: the pusher stays where it is", FAINT),
     "armed": ("armed: the next action moves the pusher", "#b07d1a"),
@@ -48,7 +53,8 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         pusher_state   (6): p_WP [m], v_WP [m/s]        ──►│              │
                                                            └──────────────┘
 
-    Published every `period` seconds from t = 0 on, and when a publish is forced. World frame.
+    Published every `period` seconds from t = 0 on, and when a publish is forced. World frame. Numbers in the words are
+    told twice a second.
 
     Args:
         meshcat: The server.
@@ -64,6 +70,7 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         super().__init__()
         self._task = task
         self._shown: list[tuple[str, str]] = []
+        self._due = -math.inf  # s, when numbers are told again
         self._image = np.zeros(0, np.uint8)
         kept = _KEPT if recording else 0
         caption = draw_notice([("what the policy sees", INK)], size=20, width=_SIDE + 20, height=_SIDE + 46)
@@ -83,14 +90,20 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._object = self.DeclareVectorInputPort("object_state", 13)
         self._pusher = self.DeclareVectorInputPort("pusher_state", 6)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
-        self.DeclareForcedPublishEvent(self._Publish)
+        self.DeclareForcedPublishEvent(self._PublishAll)
+
+    def _PublishAll(self, context: Context) -> EventStatus:
+        self._due = -math.inf
+        return self._Publish(context)
 
     def _Publish(self, context: Context) -> EventStatus:
         status, time = self._status.Eval(context), context.get_time()
         lines = self._lines(status, self._object.Eval(context), self._pusher.Eval(context)[:3])
-        if lines != self._shown:
+        # At once where the state or its reason is another one, and now and then where numbers are.
+        other = lines[:2] != self._shown[:2] if status.reason else lines[:1] != self._shown[:1]
+        if lines != self._shown and (other or not self._due - _EVERY < time < self._due):
             self._words.show(draw_notice(lines), time)
-            self._shown = lines
+            self._shown, self._due = lines, time + _EVERY
         image = self._rgb.Eval(context).data
         if not np.array_equal(image, self._image):
             self._image = image.copy()
@@ -189,23 +202,29 @@ def whole_view(points: np.ndarray, X_WC: RigidTransform) -> tuple[np.ndarray, np
 
 
 def _draw_goal(meshcat: Meshcat, task: Task, setup: Setup) -> None:
-    """Draw the outline of the object at the goal on the floor, where there is one goal."""
-    floor = setup.twin.floor_height
+    """Draw the object's outline at the goal on the floor, and the floor within it, where there is one goal."""
+    path, floor = f"{PREFIX}/goal", setup.twin.floor_height
+    meshcat.Delete(path)
     X_WG = task.goal_pose(floor)
-    outline = np.zeros((0, 2, 2))
-    if X_WG is not None:
-        R_WG = quaternion_to_matrix(X_WG.q).numpy()
-        outline = boundary(*silhouette(load_mesh(setup.twin.mesh_path), R_WG)) + X_WG.p[:2].numpy()
-    segments = np.concatenate((outline, np.full((*outline.shape[:2], 1), floor)), axis=2)
-    _draw_lines(meshcat, "goal", segments, 4.0, _GOAL)
+    if X_WG is None:
+        return
+    triangles, edges = silhouette(load_mesh(setup.twin.mesh_path), quaternion_to_matrix(X_WG.q).numpy())
+    ends = boundary(triangles, edges)
+    along = ends[:, 1] - ends[:, 0]
+    aside = np.stack((-along[:, 1], along[:, 0]), axis=1)
+    aside *= 0.5 * _RIM / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12)
+    corners = np.stack([ends[:, 0] - aside, ends[:, 1] - aside, ends[:, 1] + aside, ends[:, 0] + aside], axis=1)
+    rim = corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+    sheets = []
+    for flat, above, colour in ((triangles, _RAISED, _WITHIN), (rim, 2 * _RAISED, _GOAL)):
+        points = flat.reshape(-1, 2) + X_WG.p[:2].numpy()
+        vertices = np.column_stack((points, np.full(len(points), floor + above)))
+        sheets.append(Sheet(vertices, np.arange(len(points)).reshape(-1, 3), np.tile(colour, (len(points), 1))))
+    show_sheets(meshcat, path, sheets)
 
 
 def _draw_lines(meshcat: Meshcat, name: str, segments: np.ndarray, width: float, colour: Rgba) -> None:
-    """Draw segments (n, 2, 3) [m] on the floor, a number of pixels wide; none deletes what was there."""
-    path = f"{PREFIX}/{name}"
-    meshcat.Delete(path)
-    if len(segments):
-        raised = segments + np.array([0.0, 0.0, _RAISED])
-        meshcat.SetLineSegments(
-            path, np.asfortranarray(raised[:, 0].T), np.asfortranarray(raised[:, 1].T), width, colour
-        )
+    """Draw segments (n, 2, 3) [m] on the floor, a number of pixels wide."""
+    path, raised = f"{PREFIX}/{name}", segments + np.array([0.0, 0.0, _RAISED])
+    starts, ends = np.asfortranarray(raised[:, 0].T), np.asfortranarray(raised[:, 1].T)
+    meshcat.SetLineSegments(path, starts, ends, width, colour)

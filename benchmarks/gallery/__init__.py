@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""The gallery: six pushed objects with twin, prediction, film and page."""
