@@ -123,7 +123,9 @@ def _about(root: Path, package: str) -> str:
 
 def _about_name(root: Path, module: str, name: str) -> str:
     """Return the first line of the docstring of a function, class or constant."""
-    body = ast.parse(root.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8")).body
+    place = root.joinpath(*module.split("."))
+    source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    body = ast.parse(source.read_text(encoding="utf-8")).body
     for node, after in zip(body, [*body[1:], None], strict=True):
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == name:
             return _first_line(ast.get_docstring(node))
