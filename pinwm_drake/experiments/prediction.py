@@ -106,9 +106,7 @@ class Prediction:
         if truth is not None:
             bodies["recorded"] = Moving(mesh, truth.t, truth.p_WO, truth.q_WO, to_rgb(TRUTH), 0.35)
         pusher = log.trajectory
-        bodies["pusher"] = Moving(
-            pusher_surface(self.twin.pusher), pusher.t, pusher.p_WP, pusher.q_WP, to_rgb(PUSHER)
-        )
+        bodies["pusher"] = Moving(pusher_surface(self.twin.pusher), pusher.t, pusher.p_WP, pusher.q_WP, to_rgb(PUSHER))
         return inline_page(motion_page(bodies, self.twin.floor_height), height)
 
 

@@ -14,6 +14,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pinwm_drake.control.pilot import Acting, ControlStatus
 from pinwm_drake.control.safety_filter import HALTED
 from pinwm_drake.errors import StateError, require
+from pinwm_drake.learning.bundle import Bundle
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.driver import ArmDriver
 from pinwm_drake.systems.control.controller import AddPolicyController
@@ -247,14 +248,14 @@ class ControlLoop:
 
 
 def make_control_loop(
-    bundle: Acting,
+    bundle: Bundle,
     engine: str = "twin",
     *,
     scene: Scene | None = None,
     armed: bool = False,
     meshcat: Meshcat | None = None,
 ) -> ControlLoop:
-    """Make the loop of a policy in a simulated scene, within the policy's own limits.
+    """Make the loop of a bundle in a simulated scene, within the bundle's own limits.
 
     Args:
         bundle: The policy.
