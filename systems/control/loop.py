@@ -280,7 +280,7 @@ def make_control_loop(
     armed: bool = False,
     meshcat: Meshcat | None = None,
 ) -> ControlLoop:
-    """Make the loop of a policy in a simulated scene, within the policy's own limits.
+    """Make the loop of a bundle in a simulated scene, within the bundle's own limits.
 
     Args:
         bundle: The policy.

@@ -60,6 +60,7 @@ def motion_page(bodies: Mapping[str, Moving], floor_height: float) -> str:
     meshcat.SetObject("floor", Box(*sides, _FLOOR_DEPTH), _FLOOR_COLOUR)
     meshcat.SetTransform("floor", RigidTransform([*middle[:2], floor_height - 0.5 * _FLOOR_DEPTH - _BELOW]))
     meshcat.SetCameraPose(middle + 0.55 * float(np.linalg.norm(sides)) * _EYE, middle)
+    begin = min(float(one.t[0]) for one in bodies.values())
     meshcat.StartRecording(_RATE, set_visualizations_while_recording=False)
     for name, body in bodies.items():
         vertices, faces = (np.asfortranarray(array.T) for array in (body.mesh.vertices, body.mesh.faces))
@@ -68,7 +69,9 @@ def motion_page(bodies: Mapping[str, Moving], floor_height: float) -> str:
         for k in np.unique(np.abs(body.t - body.t[0] - frames[:, None]).argmin(1)):
             q_WB = body.q_WB[k] / np.linalg.norm(body.q_WB[k])
             X_WB = RigidTransform(Quaternion(wxyz=q_WB), body.p_WB[k])
-            meshcat.SetTransform(name, X_WB, float(body.t[k]))
+            # A little after the frame, which may be found by rounding or by cutting off.
+            frame = round((float(body.t[k]) - begin) * _RATE) + 0.25
+            meshcat.SetTransform(name, X_WB, frame / _RATE)
     meshcat.StopRecording()
     meshcat.PublishRecording()
     return str(meshcat.StaticHtml())

@@ -12,9 +12,9 @@ import yaml
 
 from pinwm_drake import documents
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.errors import InputError, ParameterError, RenderingError
 from pinwm_drake.twin.read import load_twin
-from pinwm_drake.twin.twin import THETA, Estimate, Twin
+from pinwm_drake.twin.twin import THETA, Draws, Estimate, Twin
 from pinwm_drake.twin.write import write_twin
 from tests.capture.cube import write_mesh
 from tests.twin.samples import cube_twin, estimates
@@ -289,3 +289,20 @@ def test_a_copy_elsewhere_is_the_same_twin(folder, tmp_path):
     copy = load_twin(tmp_path / "copy")
     assert copy.theta == twin.theta
     assert copy.mesh_path == tmp_path / "copy/meshes/object.obj"
+
+
+def test_other_values_of_theta_leave_the_shape_and_take_the_draws(tmp_path):
+    twin = cube_twin(tmp_path)
+    twin = replace(twin, draws=Draws(["mass"], np.ones((2, 1))))
+    changed = twin.with_theta(mass=2 * twin.theta["mass"].value, friction_floor=0.25)
+    assert changed.theta["friction_floor"].value == 0.25
+    assert changed.theta["friction_floor"].interval is None
+    for name in ("mass", "inertia_xx", "inertia_yy", "inertia_zz"):
+        assert changed.theta[name].value == pytest.approx(2 * twin.theta[name].value)
+    assert changed.theta["friction_pusher"] == twin.theta["friction_pusher"]
+    assert changed.draws is None
+    # Moments that are given are not scaled.
+    assert twin.with_theta(mass=9.0, inertia_xx=1e-3).theta["inertia_yy"] == twin.theta["inertia_yy"]
+    assert twin.with_theta().draws is twin.draws
+    with pytest.raises(ParameterError, match=r"theta: got 'friction'; allowed: mass, "):
+        twin.with_theta(friction=0.1)

@@ -8,6 +8,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.models import twin_path
 from pinwm_drake.systems.scenario.load import _without_yaw, load_setup
 from pinwm_drake.systems.scenario.schema import load_scenario
 from pinwm_drake.twin.write import write_twin
@@ -50,6 +51,12 @@ def test_a_twins_folder_is_the_usual_scene_with_the_twin(tmp_path):
     assert setup.scenario.pusher.low == pytest.approx(usual.scenario.pusher.low)
     assert setup.scenario.start.pusher_height == pytest.approx(0.025, abs=1e-3)
     np.testing.assert_allclose(setup.X_WC.GetAsMatrix4(), usual.X_WC.GetAsMatrix4())
+
+
+def test_a_twin_that_ships_is_a_scene_by_its_name():
+    setup = load_setup("t_block")
+    assert setup.scenario.twin == str(twin_path("t_block"))
+    assert setup.twin.provenance["episode"] == "0000"
 
 
 @pytest.mark.parametrize(("size", "away"), [(1.0, 1.0), (1.1, 1.0), (1.4, 1.4)])

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: MIT
+import pytest
+import torch
+
+import pinwm_drake as pw
+from pinwm_drake.experiments import twins
+
+
+class Asked(Exception):
+    """Ends an identification where its search would begin."""
+
+
+def test_the_surfels_of_another_twin_are_used_and_none_are_fitted(tmp_path, monkeypatch):
+    asked = {}
+
+    def identify_theta(capture, pushes, surfels, offset, options, *, X_OS, **others):
+        asked.update(surfels=surfels, offset=offset, X_OS=X_OS, pushes=[push.name for push in pushes])
+        raise Asked
+
+    monkeypatch.setattr(twins, "identify_theta", identify_theta)
+    shipped = pw.load_twin("t_block")
+    with pytest.raises(Asked):
+        twins.identify(pw.capture_path("t_block"), tmp_path / "twin", appearance=shipped)
+    assert asked["surfels"] is shipped.surfels
+    assert asked["offset"] == shipped.camera_offset
+    assert asked["pushes"] == ["0000"]
+    # The static views of this capture have the object where capture.yaml says.
+    torch.testing.assert_close(asked["X_OS"].p, torch.zeros(3, dtype=torch.float64), atol=1e-12, rtol=0.0)
+    torch.testing.assert_close(asked["X_OS"].q.abs(), torch.tensor([1.0, 0, 0, 0], dtype=torch.float64))
+    assert not list((tmp_path / "twin").iterdir())
