@@ -14,6 +14,7 @@ _REFUSED = (
     re.compile(r"got (?P<word>[\w.:/+ -]+)" + _ALLOWED),
     re.compile(r"(?:got|no)(?: [\w.\[\]]+| =)* (['\"])(?P<word>[\w.:/+ -]+)\1(?: under .*?)?" + _ALLOWED),
 )
+_MISSING = re.compile("(no|none) ", re.IGNORECASE)  # beginning of what is said of a path that is not there
 _BETWEEN = re.compile(r",\s*(?:or\s+)?|\s+or\s+|:\s+|\s+of\s+|;\s*")
 _WORD = re.compile(r"[\w./-]+")
 
@@ -21,7 +22,7 @@ _WORD = re.compile(r"[\w./-]+")
 def nearest(error: PinwmError) -> str:
     """Return the allowed name, or the path that is there, nearest to what an error refuses; "" where none is near."""
     message = str(error).replace("\n", " ")
-    if isinstance(error, InputError) and not Path(error.path).exists():
+    if isinstance(error, InputError) and _MISSING.match(str(error.value)) and not Path(error.path).exists():
         names = _near(Path(error.path).name, _words(error.allowed))
         if found := names or _near_path(Path(error.path)):
             return found
