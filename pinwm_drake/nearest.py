@@ -14,6 +14,7 @@ _REFUSED = (
     re.compile(r"got (?P<word>[\w.:/+ -]+)" + _ALLOWED),
     re.compile(r"(?:got|no)(?: [\w.\[\]]+| =)* (['\"])(?P<word>[\w.:/+ -]+)\1(?: under .*?)?" + _ALLOWED),
 )
+_MISSING = re.compile("(no|none) ", re.IGNORECASE)  # beginning of what is said of a path that is not there
 _BETWEEN = re.compile(r",\s*(?:or\s+)?|\s+or\s+|:\s+|\s+of\s+|;\s*")
 _WORD = re.compile(r"[\w./-]+")
 
@@ -21,15 +22,12 @@ _WORD = re.compile(r"[\w./-]+")
 def nearest(error: PinwmError) -> str:
     """Return the allowed name, or the path that is there, nearest to what an error refuses; "" where none is near."""
     message = str(error).replace("\n", " ")
-    missing = isinstance(error, InputError) and str(error.value or "no such").startswith("no such")
-    if isinstance(error, InputError) and missing and not Path(error.path).exists():
+    if isinstance(error, InputError) and _MISSING.match(str(error.value)) and not Path(error.path).exists():
         names = _near(Path(error.path).name, _words(error.allowed))
         if found := names or _near_path(Path(error.path)):
             return found
     refused = next(filter(None, (pattern.search(message) for pattern in _REFUSED)), None)
-    if refused is None or refused["word"].startswith(
-        ("a ", "an ", "one ", "neither ")
-    ):  # a thing in words, and no name
+    if refused is None or refused["word"].startswith(("a ", "an ", "one ")):  # a thing in words, and no name
         return ""
     word, allowed = refused["word"], refused["allowed"]
     return _near(word, allowed.split(", ") if " " in word else _words(allowed))

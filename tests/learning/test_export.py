@@ -168,7 +168,7 @@ def test_what_cannot_be_exported_is_refused(policy, tmp_path):
     assert "got positions (5, 2); allowed: (6, 2)" in refused(policy, images, p_WP[1:])
     assert "got positions (6, 2); allowed: (6, 2) finite" in refused(policy, images, p_WP * np.nan)
     broken = untrained_policy(SPEC, gain=float("nan"))
-    assert refused(broken, images, p_WP).startswith("policy: got actions that are not finite numbers")
+    assert refused(broken, images, p_WP).startswith("policy: its actions are not finite numbers")
     assert not out.exists()
 
 

@@ -111,7 +111,7 @@ def test_the_same_controller_pushes_in_the_twin_and_with_the_arm(setup):
     assert max(row.status.image_age for row in arm[2:]) < 0.06
     loop.stop()
     assert loop.row().status.state == "disarmed"
-    with pytest.raises(StateError, match="a second run over the same LCM"):
+    with pytest.raises(StateError, match="this loop has run over LCM before"):
         loop.begin(PLACE)
 
 
