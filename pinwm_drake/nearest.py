@@ -27,7 +27,9 @@ def nearest(error: PinwmError) -> str:
         if found := names or _near_path(Path(error.path)):
             return found
     refused = next(filter(None, (pattern.search(message) for pattern in _REFUSED)), None)
-    if refused is None or refused["word"].startswith(("a ", "an ", "one ")):  # a thing in words, and no name
+    if refused is None or refused["word"].startswith(
+        ("a ", "an ", "one ", "neither ")
+    ):  # a thing in words, and no name
         return ""
     word, allowed = refused["word"], refused["allowed"]
     return _near(word, allowed.split(", ") if " " in word else _words(allowed))
