@@ -121,6 +121,7 @@ The film shows a push that the twin was not identified from. The pusher is drawn
 
 ## Commands
 
+<!-- snippet: long -->
 ```bash
 {commands}
 ```

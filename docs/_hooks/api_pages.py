@@ -89,7 +89,9 @@ def _package_page(root: Path, package: str, modules: list[str]) -> str:
     lines = [f"# {package.removeprefix(f'{_PACKAGE}.')}", "", _about(root, package), ""]
     if not modules:
         lines += ["This package holds folders only.", ""]
-    return "\n".join([*lines, *(f"::: {module}\n" for module in modules)])
+    source = root.joinpath(*package.split("."), "__init__.py").read_text(encoding="utf-8")
+    own = [package] if any(isinstance(node, ast.FunctionDef) for node in ast.parse(source).body) else []
+    return "\n".join([*lines, *(f"::: {module}\n" for module in own + modules)])
 
 
 def _face_page(root: Path, modules: list[str]) -> str:

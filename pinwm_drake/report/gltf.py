@@ -39,7 +39,7 @@ class Sheet:
 
 
 def rectangle(width: float, height: float, texture: np.ndarray, *, sharp: bool = False) -> Sheet:
-    """Return a picture in the plane of x and y [m], around the origin, with x to its right and y upwards."""
+    """Return a texture (h, w, 3 or 4) uint8 in the plane of x and y [m], around the origin, with y upwards."""
     corners = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * [0.5 * width, 0.5 * height]
     vertices, uv = np.column_stack((corners, np.zeros(4))), np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     faces = np.array([[0, 2, 1], [0, 3, 2]])

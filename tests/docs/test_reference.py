@@ -28,7 +28,8 @@ def test_every_public_module_is_on_a_page():
                 modules.add(".".join((package, *parts)))
     commands = {name for name in modules if name.startswith("pinwm_drake.cli")}
     assert commands
-    assert shown == modules - commands
+    # `models` defines functions in the package itself.
+    assert shown == modules - commands | {"pinwm_drake.models"}
 
 
 def functions(text: str) -> Iterator[ast.FunctionDef]:
