@@ -5,7 +5,7 @@
 
     pw.capture_path, load_capture, check_capture        a robot's records: found, read, checked
     pw.align, identify, load_twin                       surfels, theta: a twin of a capture
-    pw.predict, next_push, crosscheck, draw_cousins     what a twin predicts, lacks, is worth beside Drake's plants; copies
+    pw.predict, next_push, crosscheck, draw_cousins     what a twin predicts, lacks, and is worth beside Drake's plants
     pw.load_setup, make_station, simulate, ENV_IDS      scenes as Drake diagrams and in gymnasium (pinwm/Push-v0, ...)
     pw.make_meshcat, inline_page                        Meshcat, and a page of it in a notebook
     pw.train, evaluate, export_bundle, read_bundle      policies; `TrainRequest` and `EvaluateRequest` have the options
@@ -14,8 +14,8 @@
     pw.render, Camera, Surfels                          the renderer
 
 `FitOptions`, `IdentifyOptions`, `CrossCheckOptions` and `SessionOptions` are those of align, identify, crosscheck and
-simulate. Names load when they are used: the import loads neither torch, numba, pydrake nor matplotlib. `__init__.pyi` says which
-module defines each; what has no name here is imported from the module that defines it.
+simulate. Names load when they are used: the import loads neither torch, numba, pydrake nor matplotlib. `__init__.pyi`
+says which module defines each; what has no name here is imported from the module that defines it.
 """
 
 import contextlib
