@@ -14,7 +14,6 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LONGEST_CELL = 30  # lines
 MOST_IMPORTS = 5  # lines of a notebook
 LARGEST = 700e3  # bytes of a stored notebook
-LONGEST_SENTENCE = 30  # words
 # Addresses that only this machine reaches.
 LOOPBACK = {"127.0.0.1", "::1", "::ffff:127.0.0.1"}
 
@@ -139,19 +138,3 @@ def test_notebook_is_short_to_read(path):
     assert words[0].startswith("# ")
     assert "\nFor " in words[0]
     assert "After it you can" in " ".join(words[0].split())
-    for cell in notebook.cells:
-        if cell.cell_type == "markdown":
-            assert not long_sentences(cell.source)
-
-
-def long_sentences(text: str) -> list[str]:
-    """Sentences of Markdown that are too long; headings, tables and code apart."""
-    prose = [line for line in text.splitlines() if not line.startswith(("#", "|", "    ", "$$"))]
-    paragraphs = " ".join(line or "." for line in prose)
-    sentences = paragraphs.replace("? ", ". ").replace(": ", ". ").split(". ")
-    return [one for one in sentences if len(one.split()) > LONGEST_SENTENCE]
-
-
-def test_a_long_sentence_would_be_seen():
-    assert long_sentences("word " * 31)
-    assert not long_sentences("| " + "word " * 31 + "|\n\n" + "word " * 29 + "end.\n\n" + "word " * 29)
