@@ -36,7 +36,7 @@ def view(request: ViewRequest) -> None:
             prepare_folder(target.parent)
     surfels = read_ply(path) if twin is None else twin.surfels
     if html is not None:
-        write_surfel_page(html, surfels, title=path.name)
+        write_surfel_page(html, surfels, title=path.name if twin is None else twin.name)
         say(f"wrote {html}")
     if video is not None:
         frames = max(round(request.seconds * FRAME_RATE), 2)
