@@ -235,7 +235,7 @@ def test_a_full_disk_keeps_the_earlier_checkpoint(mesh, views, tmp_path, monkeyp
         if iteration == 3:
             monkeypatch.setattr(np, "savez", full)
 
-    with pytest.raises(InputError, match=r"checkpoint\.npz: got No space left on device"):
+    with pytest.raises(InputError, match=r"checkpoint\.npz: no space left on device"):
         fit(views, mesh, options, folder=tmp_path, progress=fill)
     monkeypatch.undo()
     first = []

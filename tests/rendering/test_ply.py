@@ -237,7 +237,7 @@ def test_a_full_disk_leaves_the_earlier_file(ply, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("pinwm_drake.rendering.ply.write_vertices", full)
-    with pytest.raises(InputError, match=r"surfels\.ply: got No space left on device; allowed: a file that can be"):
+    with pytest.raises(InputError, match=r"surfels\.ply: no space left on device; allowed: a file that can be"):
         write_ply(ply, random_surfels(seed=1))
     assert ply.read_bytes() == before
     assert [path.name for path in ply.parent.iterdir()] == ["surfels.ply"]
