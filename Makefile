@@ -12,9 +12,9 @@ demo: $(VENV)/.installed
 
 # Most tests keep one core busy; those of a file share what they set up. Not reordered by the number of a file's tests:
 # those of few and long ones, such as the notebooks, would come last, and one core would wait for the other.
-# The smoke run compiles kernels on one core while mypy runs on the other.
+# One core compiles the kernels of the physics; mypy runs on the other, and then those of the renderer are compiled.
 test: $(VENV)/.installed
-	$(MAKE) --no-print-directory --jobs 2 lint smoke
+	$(MAKE) --no-print-directory --jobs 2 smoke-physics lint smoke-rendering
 	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 nightly: $(VENV)/.installed
@@ -22,6 +22,9 @@ nightly: $(VENV)/.installed
 
 smoke: $(VENV)/.installed
 	$(BIN)/python .ci/smoke.py
+
+smoke-%: $(VENV)/.installed
+	$(BIN)/python .ci/smoke.py $*
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check

@@ -142,7 +142,11 @@ main()
 
 
 @pytest.mark.parametrize(
-    ("action", "code"), [("raise KeyboardInterrupt", 1), ("os.kill(os.getpid(), 9)", -9)], ids=["ctrl-c", "kill-9"]
+    ("action", "code"),
+    [
+        pytest.param("raise KeyboardInterrupt", 1, id="ctrl-c", marks=pytest.mark.nightly),
+        pytest.param("os.kill(os.getpid(), 9)", -9, id="kill-9"),
+    ],
 )
 def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_path, action, code):
     run = run_script(INTERRUPT.format(action=action), capture, tmp_path)
@@ -167,6 +171,7 @@ main()
 """
 
 
+@pytest.mark.nightly
 def test_a_disk_that_fills_up_at_the_end_loses_nothing(capture, whole, tmp_path):
     # The PLY of 120 surfels has 20 kB, and the page some more.
     for limit, left, missing in ((1000, ["checkpoint.npz"], "surfels.ply"), (20000, None, "align.png")):

@@ -99,7 +99,9 @@ def test_a_mug_can_lie(pinwm, tmp_path):
 
 
 # The mug may roll about its axis of symmetry: the tilt of that axis is what has to come back.
-@pytest.mark.parametrize(("body", "axes"), [(["cube"], (0, 1, 2)), (["mug", "--lying"], (2,))])
+@pytest.mark.parametrize(
+    ("body", "axes"), [(["cube"], (0, 1, 2)), pytest.param(["mug", "--lying"], (2,), marks=pytest.mark.nightly)]
+)
 def test_a_poke_rocks_an_object_and_leaves_it_on_its_face(pinwm, tmp_path, body, axes):
     code, _, errors = pinwm(
         "capture", "simulate", str(tmp_path / "poked"), "--task", "flip", "--object", *body, "--friction", "0.2",
@@ -179,6 +181,7 @@ def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
     assert (out / "static/images/00000.png").read_bytes() != (made / "static/images/00000.png").read_bytes()
 
 
+@pytest.mark.nightly
 def test_a_capture_of_the_stand_in_is_of_its_object_in_its_light(pinwm, tmp_path, monkeypatch):
     lit, light = [], camera.light
     monkeypatch.setattr(camera, "light", lambda recorder, params: lit.append(params) or light(recorder, params))

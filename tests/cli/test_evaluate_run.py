@@ -63,6 +63,7 @@ def test_what_it_writes(evaluated):
     assert reader.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
 
 
+@pytest.mark.nightly
 def test_a_run_of_two_processes_that_was_killed_goes_on_in_one_to_the_same_result(pinwm, scenario, tmp_path, evaluated):
     out, episodes = tmp_path / "out", tmp_path / "out/episodes"
     command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "evaluate", "random"]

@@ -122,6 +122,7 @@ def test_a_capture_without_a_push_is_refused(pinwm, capture, tmp_path):
     assert "no folder in episodes/" in errors
 
 
+@pytest.mark.nightly
 def test_ctrl_c_keeps_what_was_done(pinwm, capture, tmp_path, monkeypatch):
     write_appearance(tmp_path)
     original = Search._fine

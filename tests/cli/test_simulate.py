@@ -222,6 +222,7 @@ def test_no_room_to_push(pinwm, tmp_path):
     )
 
 
+@pytest.mark.nightly
 def test_meshcat_until_ctrl_c(scenario):
     # Where the tests run in the background of a script, Ctrl-C is ignored, and a child inherits that.
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"

@@ -63,7 +63,7 @@ def test_a_student_learns_from_a_given_teacher(tmp_path):
 
 
 def test_a_run_that_was_killed_goes_on_with_the_same_result(tmp_path):
-    arguments = ["push_t", "--method", "state", "--steps", "2048", "--round-steps", "512", *SHORT]
+    arguments = ["push_t", "--method", "state", "--steps", "768", "--round-steps", "256", *SHORT]
     assert train(*arguments, "-o", tmp_path / "whole").exit_code == 0
     command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "train", *arguments]
     command += ["-o", str(tmp_path / "killed")]

@@ -78,6 +78,7 @@ def films(contents):
     return [json.loads(found) for found in re.findall(r'<script type="application/json">(.*?)</script>', contents)]
 
 
+@pytest.mark.nightly
 def test_the_page_loads_nothing(contents, page):
     assert page.sources
     assert all(source.startswith("data:image/") for source in page.sources)
@@ -86,6 +87,7 @@ def test_the_page_loads_nothing(contents, page):
     assert all(frame["src"].startswith("data:image/") for film in films(contents) for frame in film)
 
 
+@pytest.mark.nightly
 def test_links_lead_to_files_that_are_there(out, page):
     assert {tag for tag, _ in page.links} == {"a"}
     links = [href for _, href in page.links]
@@ -93,6 +95,7 @@ def test_links_lead_to_files_that_are_there(out, page):
     assert [href for href in links if not (out / href).exists()] == []
 
 
+@pytest.mark.nightly
 def test_the_page_shows_every_parameter_beside_the_truth(contents):
     for name in THETA:
         row = re.search(rf'<tr><td class="key">{name}</td>.*?</tr>', contents)
@@ -102,6 +105,7 @@ def test_the_page_shows_every_parameter_beside_the_truth(contents):
     assert ">0.03<" in friction
 
 
+@pytest.mark.nightly
 def test_the_page_shows_both_pushes_and_the_policy(contents):
     identified, predicted, policy = films(contents)
     assert [len(identified), len(predicted)] == [FRAMES, FRAMES]
@@ -112,6 +116,7 @@ def test_the_page_shows_both_pushes_and_the_policy(contents):
     assert "hydroelastic: action " in policy[-1]["words"]
 
 
+@pytest.mark.nightly
 def test_the_page_tells_the_seconds_of_each_stage_and_how_to_go_on(page):
     words = " ".join(page.words)
     for stage in ("align", "identify", "report", "predict", "policy, twin", "policy, hydroelastic", "films"):
@@ -119,6 +124,7 @@ def test_the_page_tells_the_seconds_of_each_stage_and_how_to_go_on(page):
     assert "pinwm identify mycapture out/mytwin" in words
 
 
+@pytest.mark.nightly
 def test_the_folder_holds_a_twin_that_other_commands_take(out):
     twin = load_twin(out / "twin")
     assert twin.provenance["episode"] == "0000"

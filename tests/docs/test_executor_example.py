@@ -7,11 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from pinwm_drake.models import capture_path
 
 PAGE = Path(__file__).resolve().parents[2] / "docs/how-to/many-machines.md"
 
 
+@pytest.mark.nightly
 def test_it_prints_what_the_page_says(tmp_path):
     text = PAGE.read_text(encoding="utf-8")
     code, printed = re.search(r"```python\n(.*?)```\n\n```text\n(.*?)```", text, re.DOTALL).groups()

@@ -12,6 +12,8 @@ import pytest
 
 from tests.docs.pages import NOTEBOOKS, ROOT, hook
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):

@@ -71,6 +71,7 @@ def test_an_episode_whose_physics_fails_is_kept(scenario, tmp_path, monkeypatch)
         np.testing.assert_array_equal(getattr(kept, name), getattr(record, name))
 
 
+@pytest.mark.nightly
 def test_a_worker_that_is_killed_is_told_of(scenario, tmp_path):
     request = EvaluateRequest("random", scenario, "twin", episodes=200, max_steps=20)
     runner, store = EpisodeRunner(read_contestant(request), request), EpisodeStore(tmp_path, {}, resume=False)

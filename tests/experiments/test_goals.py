@@ -92,6 +92,7 @@ def test_it_is_evaluated_over_goals_and_controlled_towards_one(run, bundle, tmp_
     assert done.exit_code == 0, done.output
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("auxiliary", [True, False])
 def test_goals_are_learned_from_images_at_once(tmp_path, monkeypatch, auxiliary):
     short = {"worlds": 4, "image_size": 48, "frames": 2, "threads": 1, "round_steps": 128, "episodes": 4}

@@ -168,6 +168,7 @@ def test_the_share_that_is_done_counts_trials_and_minutes(options, faults, kinds
     assert _share(request, faults, trials) == pytest.approx(expected)
 
 
+@pytest.mark.nightly
 def test_a_rehearsal_goes_on_where_it_was_cut_off(tmp_path):
     request = RehearseRequest("push_t", faults=True, moments=2, kinds=("white images",), port=7674)
 

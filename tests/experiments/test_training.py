@@ -86,6 +86,7 @@ def test_options_that_make_no_sense_are_refused(tmp_path, values):
         TrainRequest(scene="push_t", out=tmp_path, **values)
 
 
+@pytest.mark.nightly
 def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
     brief = WaypointOptions(attempts=1, planner=SamplingOptions(samples=16, first_iterations=1))
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin

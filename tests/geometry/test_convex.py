@@ -42,6 +42,7 @@ def test_the_pieces_have_the_mass_properties_of_the_models():
         np.testing.assert_allclose(ours.inertia, model.inertia, atol=1e-11)
 
 
+@pytest.mark.nightly
 def test_a_sphere_reaches_the_inside_of_the_mug():
     mug = hollow_mug()
     assert not touching(mug, 0.02, np.array([0.0, 0.0, 0.01]))

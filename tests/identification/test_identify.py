@@ -171,6 +171,7 @@ def test_friction_is_found_from_images_alone(pushed):
     assert np.quantile(draws.column("friction_floor"), 0.5) == pytest.approx(TRUTH["friction_floor"], rel=0.1)
 
 
+@pytest.mark.nightly
 def test_interrupted_search_comes_to_the_same_result(pushed, tmp_path):
     capture, episode = pushed
     options = IdentifyOptions(**{**QUICK, "support": "patch", "coarse_iterations": 7, "fine_iterations": 2, "moves": 4})
@@ -275,6 +276,7 @@ def pushed_twice(tmp_path_factory):
     return capture, [read_episode(capture, name) for name in ("0000", "0001")]
 
 
+@pytest.mark.nightly
 def test_pushes_and_cameras_are_explained_together(pushed_twice):
     capture, episodes = pushed_twice
     assert [view.name for view in episodes[1].views] == ["", "again"]

@@ -91,6 +91,7 @@ def test_rows_that_are_too_few_are_refused():
     assert "a row every 0.1 s is too few" in fit_mass_scale([(replace(trajectory, **some), edges, impulses)], 0)
 
 
+@pytest.mark.nightly
 def test_the_mass_of_a_twin_is_that_of_its_own_forces(tmp_path):
     values = {"restitution_floor": 0.0, "restitution_pusher": 0.0}
     light = cube_twin(tmp_path, theta=estimates(**values))

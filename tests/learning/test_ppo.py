@@ -59,6 +59,7 @@ def test_it_learns_from_the_state(tmp_path):
     assert isinstance(policy.actor, StateActor)
 
 
+@pytest.mark.nightly
 def test_it_ends_when_episodes_get_no_shorter(tmp_path):
     options = PpoOptions(steps=80_000, round_steps=4_000, n_steps=32, batch_size=128, episodes=64, patience=1)
     train_ppo(ToyWorlds(images=False), toy_spec("state"), options, StageRun(tmp_path, "teacher"))

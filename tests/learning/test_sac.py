@@ -39,6 +39,7 @@ def same(a, b):
     return all(np.array_equal(a[name], b[name]) for name in a)
 
 
+@pytest.mark.nightly
 def test_it_learns_from_the_state_and_ends_when_rounds_bring_no_more(tmp_path):
     options = SacOptions(
         steps=24_000,

@@ -33,6 +33,7 @@ def test_the_policy_of_the_push_task_pushes_in_a_plant_that_it_was_not_trained_i
     assert evaluate(spec_environment(bundle.spec, "push_t", "point"), bundle, range(3)).successes == 3
 
 
+@pytest.mark.nightly
 def test_the_policy_of_the_flip_task_flips_in_a_plant_that_it_was_not_trained_in():
     bundle = read_bundle("flip_mug")
     assert evaluate(spec_environment(bundle.spec, "flip_mug", "hydroelastic"), bundle, range(3)).successes == 3

@@ -37,6 +37,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
+@pytest.mark.nightly
 def test_source_distribution_builds_the_same_wheel(wheel, tmp_path):
     (tmp_path / "source").mkdir()
     for name in SOURCES:

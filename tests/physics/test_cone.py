@@ -83,7 +83,9 @@ def polyhedral_lcp(problem, world, directions):
     return matrix, vector, lambda z: np.linalg.solve(A, p + H.T @ z)
 
 
-@pytest.mark.parametrize(("directions", "friction", "tolerance"), [(4, 0.0, 1e-6), (48, 0.5, 1e-2)])
+@pytest.mark.parametrize(
+    ("directions", "friction", "tolerance"), [(4, 0.0, 1e-6), pytest.param(48, 0.5, 1e-2, marks=pytest.mark.nightly)]
+)
 def test_drakes_moby_solver_finds_the_same_velocities(problem, directions, friction, tolerance):
     # Of a polyhedral cone, which becomes the round one: of 48 directions one is never farther than 4 degrees.
     model, _, state, V_WP = problem

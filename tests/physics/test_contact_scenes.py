@@ -30,6 +30,7 @@ def pusher_velocity(steps, worlds, velocity):
 
 
 # `python -m benchmarks.contact_scenes --scenes 1000000` runs a million.
+@pytest.mark.nightly
 def test_ten_thousand_scenes_all_have_solutions():
     counts: dict[str, collections.Counter] = {}
     for number in range(BATCHES):

@@ -42,7 +42,7 @@ def compare(model, parameters, state, V_WP, record_every=1, backward=BACKWARD):
         torch.testing.assert_close(ours[name], theirs[name], rtol=0.0, atol=backward * scale + 1e-10, msg=name)
 
 
-@pytest.mark.parametrize("pusher", ["sphere", "capsule"])
+@pytest.mark.parametrize("pusher", ["sphere", pytest.param("capsule", marks=pytest.mark.nightly)])
 def test_a_push_agrees_forward_and_backward(pusher):
     model = push_model(pusher)
     parameters = nominal(model, friction_floor=0.03, friction_pusher=0.2)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import numpy as np
+import pytest
 import torch
 
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
@@ -97,6 +98,7 @@ def test_the_network_learns_from_rollouts_and_ppo_leaves_it_alone():
     assert all(torch.equal(value, actor.actor.state_dict()[name]) for name, value in acts.items())
 
 
+@pytest.mark.nightly
 def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
     spec = toy_spec("rgb")
     options = PpoOptions(

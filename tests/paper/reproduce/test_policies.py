@@ -15,6 +15,7 @@ from pinwm_drake.paper.reproduce.run import read_results, reproduce, tables_of
 from pinwm_drake.parallel import Executor
 
 
+@pytest.mark.nightly
 def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_path: Path):
     request = ReproduceRequest(tasks=("push",), methods=("dreamer-v2",), episodes=1, quick=True)
     tables = tables_of(["policies"])

@@ -62,6 +62,7 @@ def test_systems_that_are_not_asked_for_have_no_row(tmp_path: Path):
     assert {"one-step/readout/push", "one-step/2d-physics/push/seed-1", "policies/push/dreamer-v2/seed-1"} <= every
 
 
+@pytest.mark.nightly
 def test_an_action_is_imagined_and_read_beside_the_plants_own_images(tmp_path: Path):
     request = ReproduceRequest(tasks=("push",), methods=("dreamer-v2",), draws=1, quick=True)
     tables = tables_of(["one-step"])

@@ -168,6 +168,7 @@ reproduce(tables_of(["policies"]), ReproduceRequest(**OPTIONS), Path({root!r}), 
 """
 
 
+@pytest.mark.nightly
 def test_a_table_is_made_though_it_was_killed_and_nothing_is_made_twice(tmp_path: Path):
     # In a process that is killed once the twin is there, and so within the training.
     process = subprocess.Popen([sys.executable, "-c", _SCRIPT.format(root=str(tmp_path))])
@@ -241,6 +242,7 @@ def run_toys(root):
     reproduce(toys(LAST), REQUEST, root, executor=Executor(workers=1))
 
 
+@pytest.mark.nightly
 def test_two_runs_that_share_a_folder_make_each_cell_once(tmp_path: Path):
     # Both begin before anything is made.
     pair = [multiprocessing.get_context("spawn").Process(target=run_toys, args=(tmp_path,)) for _ in range(2)]
@@ -258,6 +260,7 @@ def test_two_runs_that_share_a_folder_make_each_cell_once(tmp_path: Path):
     assert (tmp_path / "log").read_text().split() == ["first", "last"]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_cell_that_fails_is_named_and_what_does_not_need_it_is_made(tmp_path: Path, workers):
     wrong, lost = Toy("wrong", error="mass: got -1"), Toy("lost", error="os")

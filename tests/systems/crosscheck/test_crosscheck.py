@@ -204,6 +204,7 @@ def test_a_friction_that_is_wrong_by_30_per_cent_fails(checks, factor):
     assert checks[factor].median_translation > 3.5e-3
 
 
+@pytest.mark.nightly
 def test_hydroelastic_contact_agrees_and_processes_make_no_difference():
     setup = unlimited(setup_of("cube", 0.3))
     cases, trials = {"twin": setup, "hydroelastic": setup}, draw_trials(setup, setup, 2, 3)

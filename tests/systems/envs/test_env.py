@@ -18,6 +18,8 @@ from pinwm_drake.systems.scenario.schema import ENGINES
 from pinwm_drake.systems.scenario.start import Place
 from tests.systems.stations import FAR, REST, TURNED, setup_of
 
+SLOW_NIGHTLY = [pytest.param(name, marks=pytest.mark.nightly) if name == "hydroelastic" else name for name in ENGINES]
+
 ROOT = Path(__file__).resolve().parents[3]
 NOWHERE = np.zeros(2)
 
@@ -26,7 +28,7 @@ def environment(engine="twin", **options):
     return TaskEnv(setup_of(), engine, **options)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", SLOW_NIGHTLY)
 @pytest.mark.parametrize("observation", ["state", "rgb"])
 def test_it_passes_both_checkers(engine, observation):
     with warnings.catch_warnings():
@@ -45,7 +47,7 @@ def test_it_passes_both_checkers(engine, observation):
         check_env_of_sb3(env)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", SLOW_NIGHTLY)
 def test_the_same_seed_is_the_same_episode(engine):
     env, actions = environment(engine), np.random.default_rng(0).uniform(-1, 1, (3, 2))
 

@@ -67,6 +67,7 @@ def pushed(tmp_path_factory):
     return body, recorded(body)
 
 
+@pytest.mark.nightly
 def test_friction_and_centre_of_mass_are_found_again(pushed):
     body, poses = pushed
     found = identify_planar(body, poses, trajectory(), RADIUS, mass=MASS, options=OPTIONS)
