@@ -67,6 +67,7 @@ def test_the_plan_turns_the_cube_over_from_other_starts_with_noise_and_in_cousin
     assert along.std(0).max() < 0.1
 
 
+@pytest.mark.nightly
 def test_rounds_make_a_plan_more_robust(worlds, tmp_path):
     shares = []
     for rounds in (0, 6):

@@ -51,6 +51,7 @@ def test_the_camera_is_off_by_the_numbers_in_directions_of_the_station(believed,
         assert cosines[~np.eye(8, dtype=bool)].max() < 0.999
 
 
+@pytest.mark.nightly
 def test_a_round_object_lies_at_rest_as_an_episode_begins(tmp_path):
     believed = load_setup("flip_mug")
     assert believed.scenario.start.rolls > 1
