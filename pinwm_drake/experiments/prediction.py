@@ -129,8 +129,10 @@ def predict(
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
     progress("predicting", 0.0, "start of the object" if find_start else "motion")
-    start = locate(found, push, start_pose(found, capture, number)) if find_start else None
-    progress("predicting", 0.3, "motion")
+    start = None
+    if find_start:
+        start = locate(found, push, start_pose(found, capture, number))
+        progress("predicting", 0.3, "motion")
     poses = predict_poses(found, capture, push, number, start=start)
     progress("predicting", 0.6, "95 % band")
     spread = predict_spread(found, capture, push, number, start=start)
