@@ -14,6 +14,8 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from benchmarks.next_push.coverage import coverage_table
+from benchmarks.next_push.evaluate import cells
 from benchmarks.results import markdown, with_block
 from pinwm_drake.paper.reproduce import paper
 
@@ -196,6 +198,141 @@ def flips() -> str:
     return table(f"trained for | seed | contact | {_MEASURED}", rows)
 
 
+_PREDICTED = "captures | predictions | median | nine of ten | worst | 95 % intervals of the last pose hold"
+_ENGINES = {
+    "MuJoCo": "mujoco",
+    "Bullet": "bullet",
+    "Drake, hydroelastic": "hydroelastic",
+    "Drake, points": "point",
+}
+
+
+def _predictions(kind: str, method: str, pushes: int, engine: str = "") -> list[dict[str, Any]]:
+    """Stored results of captures of a kind (clean, realistic), by a method from so many pushes, of an engine or all."""
+    (group,) = (one["results"] for one in read("next_push.json")["groups"] if one["kind"] == kind)
+    return [
+        one
+        for one in group
+        if one["method"] == method and len(one["pushes"]) == pushes and one["capture"].endswith(engine)
+    ]
+
+
+def _from_pushes(pushes: int) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Rows of twins from so many pushes: words and results."""
+    whole = _predictions("clean", "ours", pushes)
+    engines = [(f"of these {words}", _predictions("clean", "ours", pushes, key)) for words, key in _ENGINES.items()]
+    return [("clean captures", whole), *engines]
+
+
+def _predicted(heading: str, rows: Iterable[tuple[str, list[dict[str, Any]]]]) -> str:
+    """Table of predictions, one row for each group of results."""
+    cells_of_rows = ((words, len({one["capture"] for one in found}), *cells(found)) for words, found in rows)
+    return table(f"{heading} | {_PREDICTED}", cells_of_rows)
+
+
+def one_push() -> str:
+    """Table of predictions by twins from one push."""
+    rows = _from_pushes(1)
+    unseen = [one for one in rows[0][1] if one["split"] == "unseen"]
+    rows.append(("of these captures that nothing was chosen on", unseen))
+    rows.append(("realistic captures", _predictions("realistic", "ours", 1)))
+    return _predicted("twin from one push", rows)
+
+
+def two_pushes() -> str:
+    """Table of predictions by twins from two pushes."""
+    rows = _from_pushes(2)
+    rows.append(("without Bullet", [one for one in rows[0][1] if not one["capture"].endswith("bullet")]))
+    return _predicted("twin from two pushes", rows)
+
+
+def compared() -> str:
+    """Table of predictions by other means than twins of this package."""
+    even = "true θ in our step, even pressure"
+    rows = (
+        ("PIN-WM's way, one push", _predictions("clean", "pin-wm", 1)),
+        (even, _predictions("clean", "truth", 0)),
+        *((f"of these {words}", _predictions("clean", "truth", 0, _ENGINES[words])) for words in ("MuJoCo", "Bullet")),
+        ("true θ, realistic captures", _predictions("realistic", "truth", 0)),
+        ("object stands still", _predictions("clean", "still", 0)),
+    )
+    return _predicted("for comparison", rows)
+
+
+def held() -> str:
+    """Table of how often intervals hold the true frictions."""
+    rows = []
+    for words, kind, pushes in (
+        ("one push, clean captures", "clean", 1),
+        ("two pushes, clean captures", "clean", 2),
+        ("one push, realistic captures", "realistic", 1),
+    ):
+        row = [words]
+        for name in ("friction_floor", "friction_pusher"):
+            pairs = [(one["theta"][name][1], one["truth"][name]) for one in _predictions(kind, "ours", pushes)]
+            row.append(f"{sum(low <= true <= high for (low, high), true in pairs)} of {len(pairs)}")
+        rows.append(row)
+    return table("intervals that hold the true friction | floor | pusher", rows)
+
+
+def _ranks(engine: str = "") -> list[dict[str, Any]]:
+    """Ranks of the truth among the draws of each capture of an engine, or of all, as `coverage_table` takes them."""
+    return [{"ranks": one} for one in read("coverage.json")["ranks"] if one["capture"].endswith(engine)]
+
+
+def coverage() -> str:
+    """Table of how often central intervals hold the truth."""
+    return "\n".join(coverage_table(_ranks()))
+
+
+def coverage_engines() -> str:
+    """Table of the same for 95 %, by engine."""
+    rows = []
+    for words, key in _ENGINES.items():
+        lines = [line.strip("| ").split(" | ") for line in coverage_table(_ranks(key))[2:]]
+        rows.append((words, len(_ranks(key)), *(line[-1] for line in lines)))
+    return table("within 95 % | captures | friction of the floor | friction of the pusher | place | yaw", rows)
+
+
+def late_camera() -> str:
+    """Table of a rehearsal with a camera that is late."""
+    found = read("rehearsal_normal.json")["summary"]["normal"]
+    number, good = found["episodes"], found["successes"]
+    ends = binomtest(good, number).proportion_ci(method="wilson")
+    row = (number, f"{found['minutes']:.1f} min", found["false_stops"], good, percent(good / number), interval(*ends))
+    return table("episodes | acting | false stops | at the goal at the end | share | 95 % interval (Wilson)", [row])
+
+
+_STOPPED = {
+    "twin": "twin",
+    "point": "point",
+    "hydroelastic": "hydroelastic",
+    "arm": "lcm within the process (`--simulate-arm`)",
+    "lcm": "lcm, an arm in another process",
+}
+
+
+def stopping() -> str:
+    """Table of signals at random moments, by engine."""
+    rows = []
+    for key, found in read("stopping.json")["engines"].items():
+        counts = found["counts"]
+        before = sum(count for when, count in counts.items() if "before" in when)
+        armed = sum(count for when, count in counts.items() if "while armed" in when)
+        closed, good = counts["hangup, at any moment"], found["moments"] - counts["bad"]
+        rows.append((_STOPPED[key], found["moments"], before, armed, closed, good))
+    return table("engine | runs | before it was armed | while armed | terminal closed | good", rows)
+
+
+def stand_in() -> str:
+    """Table of the stand-in for a robot."""
+    rows = []
+    for task in ("push", "flip"):
+        found = cell(f"stand-in/{task}/pin-wm/seed-0")
+        rows.append((task, *_success(found), f"{found['steps']['successes']['mean']:.1f}"))
+    return table("task | success | 95 % interval (Wilson) | actions | actions where it succeeds", rows)
+
+
 def table(header: str, rows: Rows) -> str:
     """Table in Markdown."""
     return "\n".join(markdown(header, rows))
@@ -207,7 +344,16 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "limitations.md", "meshes", meshes),
     (RESULTS / "policies.md", "pushes", pushes),
     (RESULTS / "policies.md", "flips", flips),
+    (RESULTS / "identification.md", "one_push", one_push),
+    (RESULTS / "identification.md", "two_pushes", two_pushes),
+    (RESULTS / "identification.md", "compared", compared),
+    (RESULTS / "identification.md", "held", held),
+    (RESULTS / "identification.md", "coverage", coverage),
+    (RESULTS / "identification.md", "coverage_engines", coverage_engines),
     (RESULTS / "robustness.md", "review", review),
+    (RESULTS / "robustness.md", "late_camera", late_camera),
+    (RESULTS / "robustness.md", "stand_in", stand_in),
+    (RESULTS / "robustness.md", "stopping", stopping),
     (RESULTS / "robustness.md", "faults", faults),
 )
 """Pages, with the names of their tables and what makes these."""

@@ -4,6 +4,7 @@
 `pinwm` prints any `PinwmError` as one line and exits with 1, so a message has to be enough to mend the input.
 """
 
+import importlib.util
 import os
 from typing import Any
 
@@ -108,6 +109,22 @@ def require(name: str, value: object, allowed: bool, range_in_words: str) -> Non
     """
     if not allowed:
         raise ParameterError(f"{name}: got {value}; allowed: {range_in_words}")
+
+
+def require_package(name: str, extra: str, use: str) -> None:
+    """Check that a package of an extra is installed.
+
+    Args:
+        name: Of the package, for pip and for Python.
+        extra: Extra of pyproject.toml that brings it.
+        use: What needs it, for the message.
+
+    Raises:
+        ParameterError: It is not installed.
+    """
+    if importlib.util.find_spec(name) is None:
+        advice = f'pip install {name} (in a checkout: pip install -e ".[{extra}]")'
+        raise ParameterError(f"{use}: {name} is not installed; run: {advice}")
 
 
 def _input_error(kind: type[InputError], path: str, allowed: str, row: int | None, value: str | None) -> InputError:

@@ -17,6 +17,7 @@ _REFUSED = (
 _MISSING = re.compile("(no|none) ", re.IGNORECASE)  # beginning of what is said of a path that is not there
 _BETWEEN = re.compile(r",\s*(?:or\s+)?|\s+or\s+|:\s+|\s+of\s+|;\s*")
 _WORD = re.compile(r"[\w./-]+")
+_MOST_WORDS = 3  # of a name
 
 
 def nearest(error: PinwmError) -> str:
@@ -27,12 +28,16 @@ def nearest(error: PinwmError) -> str:
         if found := names or _near_path(Path(error.path)):
             return found
     refused = next(filter(None, (pattern.search(message) for pattern in _REFUSED)), None)
-    if refused is None or refused["word"].startswith(
-        ("a ", "an ", "one ", "neither ")
-    ):  # a thing in words, and no name
+    if refused is None or not _is_name(refused["word"]):
         return ""
     word, allowed = refused["word"], refused["allowed"]
-    return _near(word, allowed.split(", ") if " " in word else _words(allowed))
+    several = [part for part in allowed.split(", ") if _is_name(part)] if " " in word else []
+    return _near(word, _words(allowed) + several)
+
+
+def _is_name(text: str) -> bool:
+    """Whether a text of one to three words is a name, and no thing or event in words."""
+    return len(text.split()) <= _MOST_WORDS and not text.startswith(("a ", "an ", "one ", "neither ", "no ", "not "))
 
 
 def _words(allowed: str) -> list[str]:

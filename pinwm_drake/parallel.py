@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Work shared among processes: one `map`, whose results are kept on disk as they come, so that it can go on later."""
 
-import importlib.util
 import multiprocessing
 import os
 import signal
@@ -14,7 +13,7 @@ from graphlib import TopologicalSorter
 from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
 
-from pinwm_drake.errors import ParameterError, PinwmError
+from pinwm_drake.errors import ParameterError, PinwmError, require_package
 from pinwm_drake.threads import LIMIT, available, one_torch_thread
 
 JOBLIB, RAY = "joblib", "ray"
@@ -67,10 +66,8 @@ class Executor:
     def __post_init__(self) -> None:
         if self.name not in EXECUTORS:
             raise ParameterError(f"executor: got {self.name!r}; allowed: {', '.join(EXECUTORS)}")
-        if self.name == RAY and importlib.util.find_spec("ray") is None:
-            raise ParameterError(
-                f'executor: got ray, which is not installed; allowed: {JOBLIB}, or pip install "pinwm_drake[ray]"'
-            )
+        if self.name == RAY:
+            require_package("ray", "ray", "executor")
         if self.workers is not None and self.workers < 1:
             raise ParameterError(f"{self.option}: got {self.workers}; allowed: 1 or more")
 

@@ -27,6 +27,15 @@ def test_input_error_composes_its_message(parts, message):
     assert (error.path, error.row, error.value) == ("a.csv", parts.get("row"), parts.get("value"))
 
 
+def test_a_package_that_is_missing_is_named_with_its_extra():
+    errors.require_package("pytest", "dev", "tests")
+    message = "tests: no_such_package is not installed; run: pip install no_such_package "
+    message += '(in a checkout: pip install -e ".[dev]")'
+    with pytest.raises(errors.ParameterError) as caught:
+        errors.require_package("no_such_package", "dev", "tests")
+    assert str(caught.value) == message
+
+
 def test_errors_can_be_sent_between_processes():
     # With the protocol of multiprocessing, which knows the arguments of an exception only.
     error = errors.InputError(Path("a.csv"), row=3, value=ValueError("x"), allowed="finite")

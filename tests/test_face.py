@@ -77,6 +77,14 @@ def test_the_import_is_light():
     assert run.stdout.strip() == "[]"
 
 
+def test_a_prediction_loads_neither_drake_nor_plotting():
+    code = (
+        "import sys, pinwm_drake as pw; pw.predict; print([n for n in ('pydrake', 'matplotlib') if n in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert run.stdout.strip() == "[]"
+
+
 def test_the_names_of_gymnasium_are_registered():
     assert {"push", "flip"} <= set(pw.ENV_IDS)
     assert all(name in gymnasium.registry for name in pw.ENV_IDS.values())

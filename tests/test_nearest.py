@@ -9,6 +9,17 @@ from pinwm_drake.nearest import nearest
     ("error", "expected"),
     [
         (ParameterError("--kind: got stal images; allowed: white images, stale images"), "stale images"),
+        (ParameterError("object: got 'push t'; allowed: flip_mug, push_t"), "push_t"),
+        (ParameterError("object: got 'push t'; allowed: a file, or one of flip_mug, push_t"), "push_t"),
+        (ParameterError("object: got flip the mug; allowed: flip_mug, push_t"), "flip_mug"),
+        (ParameterError("--kind: got white imagse; allowed: white images, stale images"), "white images"),
+        (ParameterError("object: got flip the white mug; allowed: flip_mug, push_t"), ""),
+        (ParameterError("mesh: got push t and more words; allowed: push_t"), ""),
+        (ParameterError("mass: got not a number; allowed: a number, a list"), ""),
+        (
+            InputError("/nowhere/push t", value="no such scenario", allowed="a file, or one of flip_mug, push_t"),
+            "push_t",
+        ),
         (ParameterError("--engine: got 'hydro'; allowed: twin, hydroelastic, point"), "hydroelastic"),
         (ParameterError("task: got 'pish'; allowed: flip, push"), "push"),
         (ParameterError("--engine: got 'TWIN'; allowed: twin, point"), "twin"),

@@ -184,7 +184,7 @@ def test_values_out_of_range_are_refused(arguments, message):
 
 def test_ray_that_is_not_installed_is_refused(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ParameterError, match=r'got ray, which is not installed.*pip install "pinwm_drake\[ray\]"'):
+    with pytest.raises(ParameterError, match=r"^executor: ray is not installed; run: pip install ray "):
         Executor("ray")
 
 

@@ -110,7 +110,7 @@ def coverage_table(rows: Sequence[Row]) -> list[str]:
 
 
 _QUANTITIES = {
-    "friction on the floor": ("friction_floor",),
+    "friction of the floor": ("friction_floor",),
     "friction of the pusher": ("friction_pusher",),
     "place after the next push (x, y)": ("x", "y"),
     "yaw after the next push": ("yaw",),

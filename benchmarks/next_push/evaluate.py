@@ -166,19 +166,23 @@ def table(results: list[_Errors]) -> list[str]:
         return one["method"], len(one["pushes"])
 
     for (method, number), group in itertools.groupby(sorted(results, key=key), key=key):
-        scores = [score for one in group for score in one["predictions"]]
-        errors = np.array([[1e3 * score["position"], np.degrees(score["yaw"])] for score in scores])
-        cells = [_pair(np.quantile(errors, share, axis=0)) for share in (0.5, 0.9, 1.0)]
-        inside = [
-            abs(last) < 1.96 * sigma
-            for score in scores
-            if "spread" in score
-            for last, sigma in zip(score["last"], score["spread"], strict=True)
-        ]
-        cover = f"{100 * np.mean(inside):.0f} % of {len(inside)}" if inside else ""
-        rows.append([method, number or "", len(scores), *cells, cover])
+        rows.append([method, number or "", *cells(list(group))])
     header = "method | pushes | predictions | median | nine of ten | worst | 95 % intervals of the last pose cover"
     return markdown(header, rows)
+
+
+def cells(results: list[_Errors]) -> list[str]:
+    """Cells of a row: predictions, median, nine of ten, worst, and the share of last poses that intervals hold."""
+    scores = [score for one in results for score in one["predictions"]]
+    errors = np.array([[1e3 * score["position"], np.degrees(score["yaw"])] for score in scores])
+    inside = [
+        abs(last) < 1.96 * sigma
+        for score in scores
+        if "spread" in score
+        for last, sigma in zip(score["last"], score["spread"], strict=True)
+    ]
+    cover = f"{100 * np.mean(inside):.0f} % of {len(inside)}" if inside else ""
+    return [str(len(scores)), *(_pair(np.quantile(errors, share, axis=0)) for share in (0.5, 0.9, 1.0)), cover]
 
 
 def _pair(errors: np.ndarray) -> str:

@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 import pinwm_drake
+from pinwm_drake.pace import Pace
 
 LOOPBACK = ("127.", "localhost", "::1")  # beginnings of addresses that other machines do not reach
 _FIRST, _LOOK = 5.0, 1.0  # s, of a stage without a line, and between two looks whether one is due
@@ -33,7 +34,7 @@ class Show(Protocol):
             stage: Name of the stage.
             done: Share of it that is done, 0 to 1.
             figures: Figures in words.
-            left: Time that is left, s; None for an estimate by the pace so far.
+            left: Time that is left, s; None for an estimate by the pace after the first unit of work.
             tell: Flag: where lines are printed, this one is, whatever the interval.
         """
 
@@ -111,33 +112,22 @@ def stages_bar(*, transient: bool = False) -> Iterator[Show]:
             bars.stop()
 
 
-class _Pace:
-    """Estimate of the time that a stage takes from its first report on."""
-
-    def __init__(self, done: float) -> None:
-        self.begun, self._first = time.monotonic(), done
-
-    def left(self, done: float) -> float:
-        """Time [s] until the stage is done; NaN where nothing has been done since the first report."""
-        share = done - self._first
-        return (time.monotonic() - self.begun) * (1.0 - done) / share if share > 0.0 else math.nan
-
-
 class _Bars(Progress):
     """Bars that begin with the first stage, so that work that is refused before prints nothing but its error."""
 
     def __init__(self, *columns: Any, **options: Any) -> None:
         super().__init__(*columns, **options)
-        self._stages: dict[str, tuple[TaskID, _Pace]] = {}
+        self._stages: dict[str, tuple[TaskID, Pace]] = {}
 
     def show(self, stage: str, done: float, figures: str, left: float | None = None, *, tell: bool = False) -> None:
         """Show a stage; see `Show`."""
         if stage not in self._stages:
             self.start()
             bar = self.add_task(stage, total=1.0, completed=0, figures=figures, left=duration(math.nan))
-            self._stages[stage] = bar, _Pace(done)
+            self._stages[stage] = bar, Pace()
         bar, pace = self._stages[stage]
-        seconds = pace.left(done) if left is None else left
+        _, estimate = pace(done)
+        seconds = estimate if left is None else left
         self.update(bar, completed=done, figures=figures, left=duration(seconds))
 
 
@@ -150,9 +140,9 @@ class _Lines:
     def __init__(self, *, ends: bool) -> None:
         self._ends = ends
         self._stage, self._done, self._figures = "", 1.0, ""
-        self._end: float | None = None  # by the clock, s, where the caller knows it
+        self._end = math.nan  # by the clock, s
         self._due = math.inf
-        self._paces: dict[str, _Pace] = {}
+        self._paces: dict[str, Pace] = {}
         self._lock, self._closed = threading.Lock(), threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -160,12 +150,12 @@ class _Lines:
         """Print a line where one is due; see `Show`."""
         with self._lock:
             now = time.monotonic()
-            self._paces.setdefault(stage, _Pace(done))
+            _, estimate = self._paces.setdefault(stage, Pace())(done)
             if stage != self._stage:
                 self._stage, self._done, self._due = stage, 0.0, now + _FIRST
             ends = done >= 1.0 > self._done
             self._done, self._figures = done, figures
-            self._end = None if left is None else now + left
+            self._end = now + (estimate if left is None else left)
             if tell or (self._ends if ends else done < 1.0 and now >= self._due):
                 self._print(now)
 
@@ -180,9 +170,8 @@ class _Lines:
                     self._print(now)
 
     def _print(self, now: float) -> None:
-        pace = self._paces[self._stage]
-        taken = now - pace.begun
-        left = pace.left(self._done) if self._end is None else max(self._end - now, 0.0)
+        taken = now - self._paces[self._stage].begun
+        left = self._end - now if now <= self._end else math.nan  # what takes longer than was thought has no estimate
         self._due = now + max(_PERIOD, _GROWTH * taken)
         rest = f"{duration(taken)} taken" if self._done >= 1.0 else f"{duration(left)} left"
         say("  ".join(part for part in (f"{self._stage} {self._done:4.0%}", self._figures, rest) if part))

@@ -3,10 +3,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_folder
 from pinwm_drake.capture.pusher import pusher_surface
@@ -14,18 +13,17 @@ from pinwm_drake.capture.scene import Capture
 from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.identification.locate import locate
-from pinwm_drake.report.figures.poses import motion_figure
 from pinwm_drake.report.inline_page import InlinePage, inline_page
-from pinwm_drake.report.style import PUSHER, TRUTH, TWIN
-from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.systems.view.motion import Moving, motion_page
 from pinwm_drake.twin.origin import identified_push, start_pose
 from pinwm_drake.twin.predict import Spread, mismatches, predict_poses, predict_spread
 from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Twin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +84,15 @@ class Prediction:
         Raises:
             InputError: An image of the episode cannot be read.
         """
+        from pinwm_drake.report.twin.comparison_frames import Cast, draw_shots
+
         shots = draw_shots(self.episode, self.poses, Cast.of(self.twin, self.push), size=size, most=frames)
         return np.concatenate([np.concatenate(shot.panels) for shot in shots], axis=1)
 
-    def figure(self) -> Figure:
+    def figure(self) -> "Figure":
         """Figure of the object's motion over time: predicted, with its 95 % band, and as it was recorded."""
+        from pinwm_drake.report.figures.poses import motion_figure
+
         return motion_figure(self.poses, self.episode.object_poses, self.episode.trajectory, self.spread)
 
     def meshcat(self, height: int = 420) -> InlinePage:
@@ -102,6 +104,11 @@ class Prediction:
         Raises:
             ParameterError: No port of this machine is free.
         """
+        from matplotlib.colors import to_rgb
+
+        from pinwm_drake.report.style import PUSHER, TRUTH, TWIN
+        from pinwm_drake.systems.view.motion import Moving, motion_page
+
         mesh, poses, truth, log = load_mesh(self.twin.mesh_path), self.poses, self.episode.object_poses, self.episode
         bodies = {"twin": Moving(mesh, poses.t, poses.p_WO, poses.q_WO, to_rgb(TWIN))}
         if truth is not None:
@@ -129,8 +136,10 @@ def predict(
     capture, push = read_episode_folder(Path(episode))
     number = identified_push(found, capture, push)
     progress("predicting", 0.0, "start of the object" if find_start else "motion")
-    start = locate(found, push, start_pose(found, capture, number)) if find_start else None
-    progress("predicting", 0.3, "motion")
+    start = None
+    if find_start:
+        start = locate(found, push, start_pose(found, capture, number))
+        progress("predicting", 0.3, "motion")
     poses = predict_poses(found, capture, push, number, start=start)
     progress("predicting", 0.6, "95 % band")
     spread = predict_spread(found, capture, push, number, start=start)

@@ -2,7 +2,6 @@
 """Progress of a training, for a bar, a line or a plot."""
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -21,8 +20,8 @@ class Step:
         best: Success of the best round so far; NaN before the first.
         seconds: s, time taken, all runs of the stage together.
         recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
-        rate: 1/s, steps of the worlds in this run of the stage; NaN before the first.
-        left: s, until the stage is done at the pace of this run; NaN before the first step.
+        rate: 1/s, steps of the worlds at the pace of this run; NaN before the second unit of work.
+        left: s, until the stage is done at the pace of this run; NaN before the second unit of work.
     """
 
     stage: str
@@ -43,25 +42,3 @@ Report = Callable[[Step], None]
 
 def silent(step: Step) -> None:
     """Ignores the progress of a training."""
-
-
-class Pace:
-    """Pace of one run of a stage, from its first call on."""
-
-    def __init__(self) -> None:
-        self._first: tuple[float, float, int] | None = None
-
-    def __call__(self, done: float, steps: int) -> tuple[float, float]:
-        """Step a second [1/s] since the first call, and the time left [s]; NaN where nothing has been done since.
-
-        Args:
-            done: Share of the stage's work that is done, 0 to 1.
-            steps: Number of steps of all worlds so far.
-        """
-        now = time.monotonic()
-        if self._first is None:
-            self._first = (now, done, steps)
-        begun, done_then, steps_then = self._first
-        seconds, share = now - begun, done - done_then
-        rate = (steps - steps_then) / seconds if steps > steps_then and seconds > 0.0 else math.nan
-        return rate, seconds * (1.0 - done) / share if share > 0.0 else math.nan

@@ -29,9 +29,10 @@ from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.policy import make_actor
-from pinwm_drake.learning.progress import Pace, Report, Step, silent
+from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import set_weights, weights
+from pinwm_drake.pace import Pace
 
 CHECKPOINT_FILE, HISTORY_FILE = "checkpoint.npz", "history.csv"
 ROUND_FILE = "round.npz"  # the state of a round that is not done

@@ -11,7 +11,8 @@ import numpy as np
 
 from pinwm_drake.checkpoints import read_arrays
 from pinwm_drake.errors import require
-from pinwm_drake.learning.progress import Pace, Report, Step, silent
+from pinwm_drake.learning.progress import Report, Step, silent
+from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingOptions, carried_out

@@ -52,7 +52,37 @@ def test_work_that_goes_on_from_a_share_is_as_fast_as_what_was_done_since(capsys
         show("evaluating", 0.5, "")
         clock[0] += 60.0
         show("evaluating", 0.75, "")
-    assert capsys.readouterr().out == "evaluating  75%  0:01:00 left\n"
+        assert capsys.readouterr().out == "evaluating  75%  -:--:-- left\n"
+        clock[0] += 40.0
+        show("evaluating", 0.875, "")
+    assert capsys.readouterr().out == "evaluating  88%  0:00:40 left\n"
+
+
+def test_the_time_left_of_work_that_compiles_first_is_not_shown(capsys, clock):
+    with stages_bar() as show:
+        show("identifying", 0.0, "")
+        clock[0] += 300.0  # compiles
+        show("identifying", 0.1, "")
+        assert capsys.readouterr().out == "identifying  10%  -:--:-- left\n"
+        clock[0] += 20.0
+        show("identifying", 0.2, "", tell=True)
+        assert capsys.readouterr().out == "identifying  20%  0:02:40 left\n"
+
+
+def test_between_reports_the_time_left_falls_and_then_is_unknown(capsys, clock):
+    lines = console._Lines(ends=True)
+    try:
+        for done in (0.0, 0.25, 0.5):
+            clock[0] += 2.0
+            lines.show("identifying", done, "", tell=True)
+        for wait in (1.0, 2.0, 30.0):  # the thread prints then
+            clock[0] += wait
+            lines._print(clock[0])
+    finally:
+        lines.close()
+    left = [line.split()[2] for line in capsys.readouterr().out.splitlines()]
+    # 0.25 in 2 s, so that 0.5 take 4 s.
+    assert left == ["-:--:--", "-:--:--", "0:00:04", "0:00:03", "0:00:01", "-:--:--"]
 
 
 def test_a_stage_that_does_not_report_is_seen_to_go_on(capsys, monkeypatch):

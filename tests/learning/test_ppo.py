@@ -139,8 +139,8 @@ def test_progress_tells_of_every_rollout(tmp_path):
     train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", report=told.append))
     assert [step.steps for step in told] == [0, 128, 256, 256, 384, 512, 512, 640, 768, 768, 896, 1024, 1024]
     assert [step.done for step in told] == [step.steps / 1024 for step in told]
-    assert np.isnan([told[0].success, told[0].rate, told[0].left]).all()
-    assert all(step.rate > 0.0 and step.left >= 0.0 for step in told[1:])
+    assert np.isnan([told[0].success, *(value for step in told[:2] for value in (step.rate, step.left))]).all()
+    assert all(step.rate > 0.0 and step.left >= 0.0 for step in told[2:])
     assert not np.isnan([(step.success, step.loss) for step in told[3:]]).any()
 
 

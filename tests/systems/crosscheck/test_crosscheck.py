@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import csv
 import dataclasses
 import math
 
@@ -21,7 +22,7 @@ from pinwm_drake.systems.crosscheck.motion import (
     unlimited,
 )
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
-from pinwm_drake.systems.crosscheck.pushes import PushComparison, _judge
+from pinwm_drake.systems.crosscheck.pushes import PushCheck, PushComparison, _judge
 from pinwm_drake.systems.crosscheck.trials import draw_trials
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
@@ -179,29 +180,42 @@ def test_limits_of_the_scenario_do_not_bind():
 
 
 @pytest.fixture(scope="module")
-def checks() -> dict[float, float]:
-    """Against point contact at the true friction, twins with that friction times a factor: the verdicts."""
+def checks() -> dict[float, PushCheck]:
+    """Against point contact at the true friction, twins with that friction times a factor."""
     setup, truth = setup_of(), {"friction_floor": FRICTION, "friction_pusher": FRICTION}
     options = CrossCheckOptions(engines=("point",), pushes=2)
     return {
-        factor: crosscheck(setup.with_theta(friction_floor=factor * FRICTION), options, truth=truth).verdicts[0]
+        factor: crosscheck(setup.with_theta(friction_floor=factor * FRICTION), options, truth=truth)
         for factor in (1.0, 0.7, 1.3)
     }
 
 
 def test_the_right_twin_passes(checks):
-    assert checks[1.0].passed
+    (verdict,) = checks[1.0].verdicts
+    assert verdict.passed
     # Measured: 0.4 mm and 0.4 degrees.
-    assert checks[1.0].median_translation < 1.5e-3
-    assert checks[1.0].median_rotation < math.radians(1.2)
-    assert (checks[1.0].unsound, checks[1.0].rising) == (0, 0)
+    assert verdict.median_translation < 1.5e-3
+    assert verdict.median_rotation < math.radians(1.2)
+    assert (verdict.unsound, verdict.rising) == (0, 0)
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.3])
 def test_a_friction_that_is_wrong_by_30_per_cent_fails(checks, factor):
     assert not checks[factor].passed
     # Sliding on by 22 mm, less its 1.3th part: 5 mm; measured 8 mm and 4.5 mm.
-    assert checks[factor].median_translation > 3.5e-3
+    assert checks[factor].verdicts[0].median_translation > 3.5e-3
+
+
+def test_files_go_to_a_folder_that_is_a_text(checks, tmp_path):
+    found = checks[1.0].write(str(tmp_path / "new" / "check"), setup_of(), "title")
+    assert found == [tmp_path / "new/check/crosscheck.csv", tmp_path / "new/check/crosscheck.png"]
+    rows = list(csv.DictReader(found[0].open()))
+    assert [(row["push"], row["engine"]) for row in rows] == [
+        (str(push), name) for push in range(len(checks[1.0].pushes)) for name in ("twin", "point")
+    ]
+    ends = [one.differences["point"].translation for one in checks[1.0].pushes]
+    assert [float(row["translation"]) for row in rows[1::2]] == pytest.approx(ends, rel=1e-5)
+    assert found[1].read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.nightly

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import base64
+import logging
 import re
 import socket
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import umsgpack
+from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from pinwm_drake.errors import InputError, ParameterError
@@ -56,6 +58,16 @@ def test_the_server_listens_on_this_machine_only(meshcat):
     assert addresses(meshcat.port())
     everywhere = make_meshcat(host="*")
     assert addresses(everywhere.port()) & {"00000000", "0" * 32}
+
+
+def test_the_server_starts_silently_and_leaves_drakes_logging_as_it_was(caplog, capfd):
+    with caplog.at_level(logging.INFO, logger="drake"):
+        made = make_meshcat()
+        assert made.web_url().startswith("http://localhost:")
+        assert (caplog.messages, capfd.readouterr()) == ([], ("", ""))
+        assert logging.getLogger("drake").level == logging.INFO
+        Meshcat()  # Drake's own is heard
+        assert "listening" in caplog.text
 
 
 def test_a_port_that_is_taken_or_out_of_range_is_refused():

@@ -6,7 +6,6 @@ diffusion probabilistic models" (ICML 2021) for the squared cosine; Song et al.,
 (ICLR 2021); Chi et al., "Diffusion policy" (RSS 2023).
 """
 
-import importlib.util
 import math
 from typing import Any
 
@@ -14,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import require_package
 from pinwm_drake.paper.baselines.diffusion.options import NORM_CHANNELS, NetworkOptions
 
 
@@ -260,9 +259,7 @@ def require_diffusers() -> None:
     Raises:
         ParameterError: It is not.
     """
-    if importlib.util.find_spec("diffusers") is None:
-        given = "no package diffusers"
-        raise ParameterError(f'diffusion policy: got {given}; allowed: after pip install "pinwm_drake[paper]"')
+    require_package("diffusers", "paper", "diffusion policy")
 
 
 def _schedulers() -> Any:

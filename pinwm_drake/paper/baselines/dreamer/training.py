@@ -20,11 +20,12 @@ from torch import nn
 from pinwm_drake.checkpoints import read_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.learning.progress import Pace, Step
+from pinwm_drake.learning.progress import Step
 from pinwm_drake.learning.rounds import CHECKPOINT_FILE, EVALUATION_SEED, Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, pack, set_weights, unpack
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.pace import Pace
 from pinwm_drake.paper.baselines.dreamer.behaviour import Actor, Behaviour
 from pinwm_drake.paper.baselines.dreamer.episodes import Replay
 from pinwm_drake.paper.baselines.dreamer.options import BehaviourOptions, ModelOptions, NetworkOptions

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.paper.baselines.diffusion import network as network_module
 from pinwm_drake.paper.baselines.diffusion.network import (
     DiffusionNetwork,
     ImageEncoder,
@@ -82,8 +81,8 @@ def test_a_loss_reaches_every_weight_and_sees_every_input():
 
 
 def test_without_diffusers_the_extra_is_named(monkeypatch):
-    monkeypatch.setattr(network_module.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ParameterError, match=r"pinwm_drake\[paper\]"):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ParameterError, match=r'diffusers is not installed; run: .* -e "\.\[paper\]"'):
         require_diffusers()
 
 
