@@ -22,7 +22,7 @@ class Step:
         seconds: s, time taken, all runs of the stage together.
         recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
         rate: 1/s, steps of the worlds in this run of the stage; NaN before the first.
-        left: s, until the stage is done at the pace of this run; NaN before the first step.
+        left: s, until the stage is done at the pace of this run, or its budget is; NaN before the first step.
     """
 
     stage: str
