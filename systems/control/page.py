@@ -131,7 +131,7 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             lines.append((f"action {status.actions}: {away}", INK))
         if status.estimate:
             lines.append((f"the policy's estimate: {status.estimate}", FAINT))
-        told = [recipe_of(self._task).success_words(self._task), self._where]
+        told = [self._where, recipe_of(self._task).success_words(self._task)]
         return [*lines, *((words, FAINT) for words in told if words)]
 
 
