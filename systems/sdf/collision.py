@@ -224,7 +224,13 @@ def spread_points(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[fl
 
 
 def stays_within(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> bool:
-    """Flag: no point of `spread_points` leaves the convex hull but by `PROTRUSION`, or there are none."""
+    """Flag: no point of `spread_points` leaves the convex hull but by `PROTRUSION`, or there are none.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        normal: (3,) outward normal of the side.
+        spread: (3,) factors along the axes of O.
+    """
     points = spread_points(mesh, normal, spread)
     if points is None:
         return True
