@@ -20,7 +20,7 @@ timing.limit_threads(1)  # before numba and torch are imported
 from benchmarks.next_push.engines import scene_maker
 from benchmarks.next_push.engines.rollout import Tip, rigid, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
-from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, scene_of
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.learning.evaluation import EpisodeResult, evaluate
@@ -93,7 +93,7 @@ def main() -> None:
     contestant = read_contestant(EvaluateRequest(given.policy))
     if contestant.spec is None:
         parser.error(f"POLICY: got {given.policy}; allowed: a policy or bundle")
-    scene = given.scene or usual_scene(given.policy, None)
+    scene = scene_of(contestant, EvaluateRequest(given.policy, scene=given.scene))
     for engine in given.engine:
         env = ElsewhereEnv(contestant.spec, scene, engine)
         policy, seeds = contestant.make(env.env), range(given.start, given.start + given.episodes)

@@ -116,7 +116,7 @@ class Executor:
             on_result(items[k], result)
         left = {k: item for k, item in enumerate(items) if k not in found}
         errors: list[PinwmError] = []
-        with closing(self._share(_Work(function, store, keep_going), left, _order(left, needs))) as done:
+        with closing(self._share(_Work(function, store, keep_going), left, _order(left, needs), bool(found))) as done:
             for k, returned in done:
                 if isinstance(returned, _Failed):
                     errors.append(returned.error)
@@ -133,7 +133,7 @@ class Executor:
             raise errors[0]
         return [found[k] for k in range(len(items))]
 
-    def _share(self, work: "_Work", items: dict[int, Any], order: "_Order") -> "_Done":
+    def _share(self, work: "_Work", items: dict[int, Any], order: "_Order", any_kept: bool) -> "_Done":
         workers = min(self.workers or available(), len(items))
         try:
             if self.name == RAY and items:
@@ -143,7 +143,9 @@ class Executor:
             else:
                 yield from _here(work, items, order)
         except _WorkerEnded as error:
-            again = "start again" if work.store is None else "what is done is kept: go on with --resume"
+            store = work.store
+            kept = store is not None and (any_kept or any(store.read(item) is not None for item in items.values()))
+            again = "what is done is kept: go on with --resume" if kept else "start again"
             raise ParameterError(
                 f"{self.option}: one of {workers} processes ended by itself, perhaps for want of memory; "
                 f"{again}, with fewer {self.option}"

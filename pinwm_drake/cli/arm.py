@@ -32,17 +32,17 @@ def arm(request: ArmRequest) -> None:
     from pinwm_drake.systems.arm.driver import ArmDriver
     from pinwm_drake.systems.engines.lcm.link import make_lcm
     from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-    from pinwm_drake.systems.envs.policy_scene import usual_scene
-    from pinwm_drake.systems.scenario.load import load_setup, with_url
+    from pinwm_drake.systems.envs.policy_scene import policy_setup
+    from pinwm_drake.systems.scenario.load import with_url
     from pinwm_drake.systems.sdf.twin import contact_name
     from pinwm_drake.systems.view.meshcat import make_meshcat
 
-    spec = read_bundle(request.bundle).spec
+    found = read_bundle(request.bundle)
+    spec = found.spec
     size = request.image_size or spec.camera.width
     logging.getLogger("drake").setLevel(logging.WARNING)
-    setup = with_url(
-        environment_setup(load_setup(request.scene or usual_scene(spec)), EnvOptions(image_size=size)), request.lcm_url
-    )
+    setup = policy_setup(spec, found.provenance, request.bundle, request.scene, None)
+    setup = with_url(environment_setup(setup, EnvOptions(image_size=size)), request.lcm_url)
     page = make_meshcat(port=request.port) if request.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
     driver = ArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from pinwm_drake.cli.stopping import Stop, stop_signals
-from pinwm_drake.errors import ParameterError, StateError
+from pinwm_drake.errors import StateError
 from pinwm_drake.experiments.requests.control import ControlRequest
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ def control(request: ControlRequest) -> None:
         from pinwm_drake.learning.bundle import read_bundle
         from pinwm_drake.systems.control.loop import ControlLoop
         from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-        from pinwm_drake.systems.envs.policy_scene import check_object, usual_scene
-        from pinwm_drake.systems.scenario.load import load_setup, with_url
+        from pinwm_drake.systems.envs.policy_scene import FORCE, policy_setup
+        from pinwm_drake.systems.scenario.load import with_url
         from pinwm_drake.systems.scenario.schema import MEMORY
         from pinwm_drake.systems.sdf.twin import contact_name
         from pinwm_drake.systems.view.meshcat import make_meshcat, recorded
@@ -53,16 +53,11 @@ def control(request: ControlRequest) -> None:
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(request.bundle)
         found = found if request.goal is None else found.toward(request.goal)
-        setup = environment_setup(
-            load_setup(request.scene or usual_scene(found.spec)), EnvOptions(image_size=found.spec.camera.width)
-        )
+        force = None if request.force else FORCE
+        setup = policy_setup(found.spec, found.provenance, request.bundle, request.scene, force)
+        setup = environment_setup(setup, EnvOptions(image_size=found.spec.camera.width))
         if engine == "lcm":
             setup = with_url(setup, MEMORY if request.simulate_arm else request.lcm_url)
-        try:
-            check_object(found.spec, setup)
-        except ParameterError:
-            if not request.force:
-                raise
         page = make_meshcat(port=request.port) if request.meshcat or film is not None else None
         loop = ControlLoop(
             found,

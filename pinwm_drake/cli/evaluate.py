@@ -37,7 +37,7 @@ def evaluate(request: EvaluateRun) -> None:
                 progress=progress,
             )
     except KeyboardInterrupt:
-        say(f"interrupted after {done} episodes; go on with --resume")
+        say(f"interrupted after {done} episodes" + ("; go on with --resume" if run.can_go_on(request.out) else ""))
         raise SystemExit(1) from None
     say(headline(evaluation), style="bold")
     for line in details(evaluation):

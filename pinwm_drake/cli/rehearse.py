@@ -20,8 +20,8 @@ def rehearse(request: RehearseRun) -> None:
     Exits with 1 where a trial went wrong.
     """
     from pinwm_drake.experiments.rehearsal.report import REPORT_FILE, write_rehearsal_report
+    from pinwm_drake.experiments.rehearsal.run import TRIALS_FILE, scene_words, shortfall, summary
     from pinwm_drake.experiments.rehearsal.run import rehearse as run
-    from pinwm_drake.experiments.rehearsal.run import shortfall, summary
 
     rehearsal, out = request.rehearsal, request.out
     short = shortfall(rehearsal)
@@ -40,10 +40,11 @@ def rehearse(request: RehearseRun) -> None:
 
             trials = run(rehearsal, out, resume=request.resume, report=report)
     except KeyboardInterrupt:
-        say(f"interrupted after {done} trials; go on with --resume")
+        kept = "; go on with --resume" if (out / TRIALS_FILE).is_file() else ""
+        say(f"interrupted after {done} trials{kept}")
         raise SystemExit(1) from None
     Console().print(_table(summary(trials)))
-    write_rehearsal_report(out / REPORT_FILE, rehearsal, trials)
+    write_rehearsal_report(out / REPORT_FILE, rehearsal, trials, scene_words(rehearsal))
     say(f"wrote {out / REPORT_FILE}")
     wrong = [trial for trial in trials if not trial.good]
     for trial in wrong[:10]:

@@ -3,6 +3,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pinwm_drake.cli.console import say, stages_bar
@@ -61,7 +62,8 @@ def reproduce(request: ReproduceRun) -> None:
 
             run(tables, work, out, executor=processes, on_cell=told)
     except KeyboardInterrupt:
-        say(f"interrupted; the same command goes on (what is done is in {out})")
+        kept = f"; the same command goes on (what is done is in {out})" if _has_cells(out, cells) else ""
+        say(f"interrupted{kept}")
         raise SystemExit(1) from None
     except PinwmError:
         with suppress(PinwmError):
@@ -69,6 +71,10 @@ def reproduce(request: ReproduceRun) -> None:
         raise
     write_report(file, tables, work, out)
     say(f"wrote {file}")
+
+
+def _has_cells(out: Path, cells: "list[Cell]") -> bool:
+    return any((out / cell.key).exists() for cell in cells)
 
 
 def _show(planned: "Plan") -> None:

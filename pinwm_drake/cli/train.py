@@ -29,10 +29,13 @@ def train(request: TrainRequest) -> None:
                 show("forecasting", 0.0, "a brief training of each stage")
                 found = forecast(request, lambda share: show("forecasting", share, "a brief training of each stage"))
             say(f"this takes {found} here; most trainings end earlier, when the success no longer rises")
+            if training.searches(request):
+                say("the search for plans to begin from comes first and is not counted")
         with stages_bar() as show:
             training.train(request, report=_reporter(show))
     except KeyboardInterrupt:
-        say(f"interrupted; go on with --resume (what is done is in {out})")
+        kept = training.can_go_on(out)
+        say(f"interrupted; go on with --resume (what is done is in {out})" if kept else "interrupted; nothing is kept")
         raise SystemExit(1) from None
     took = (time.monotonic() - begun) / 60
     say(f"trained for {took:.1f} minutes in this run; wrote {out / training.FIGURE_FILE}")

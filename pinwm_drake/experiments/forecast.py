@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Forecast of the minutes and the memory of a training, by a brief one of the same kind on this machine."""
 
+import math
 import resource
 import time
 from collections.abc import Callable
@@ -26,31 +27,39 @@ from pinwm_drake.tasks.history import history_size
 
 _BRIEF = 20  # actions and updates between two reports of a brief training, or twice that
 _ROLLOUT = 8  # actions of each world in a brief rollout
+_BEYOND = 0.05  # of a budget, from which on a forecast is beyond it
 _GIB = 1 << 30
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Time and memory of a training that runs through to its last round; most end before.
+    """Time and memory of a training that runs through to its last round, or to the end of its budget.
 
     Attributes:
         minutes: min, of each stage by name.
         memory: GiB, of the process at most.
+        budget: min, of all stages; infinite for none. The first round of each is done in any case.
     """
 
     minutes: dict[str, float]
     memory: float
+    budget: float = math.inf
 
     def __str__(self) -> str:
         total = sum(self.minutes.values())
         if total < 1.0:
             return f"less than a minute and {self.memory:.1f} GiB of memory"
         stages = " and ".join(f"{name} {minutes:.0f}" for name, minutes in self.minutes.items())
-        return f"up to {total:.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory"
+        more = ""
+        if total > self.budget * (1.0 + _BEYOND):
+            more = f"; one round of each stage takes more than --minutes {self.budget:g}, and is done in any case"
+        return f"up to {total:.0f} minutes ({stages}) and {self.memory:.1f} GiB of memory{more}"
 
 
 def forecast(request: TrainRequest, report: Callable[[float], None] = lambda share: None) -> Forecast:
     """Forecast by one brief round of every stage, with the worlds and networks of the training itself.
+
+    A budget of minutes limits it as it limits the training.
 
     The search of plans for waypoints, where a task has them, is not counted.
 
@@ -68,7 +77,8 @@ def forecast(request: TrainRequest, report: Callable[[float], None] = lambda sha
     stages = [method]
     if isinstance(method, Distillation):
         stages = [method] if isinstance(method.teacher, Path) else [method.teacher, method]
-    minutes, kept, W = {}, 0.0, request.worlds
+    minutes, kept, W = dict[str, float](), 0.0, request.worlds
+    budget = math.inf if request.minutes is None else request.minutes
     for number, stage in enumerate(stages):
         clock = _Clock(partial(_tell, report, number, len(stages)))
         with TemporaryDirectory() as folder:
@@ -78,11 +88,23 @@ def forecast(request: TrainRequest, report: Callable[[float], None] = lambda sha
                 write_policy(teacher, Policy(spec, make_actor(spec)))
                 brief = replace(brief, teacher=teacher)
             brief.train(MethodData(), worlds, Path(folder), seed=0, resume=False, report=clock)
-        minutes[clock.stage] = clock.seconds(stage, W) / 60.0
+        left = budget - sum(minutes.values()) if number + 1 == len(stages) else 0.5 * budget  # as a teacher has it
+        minutes[clock.stage] = within(left, clock.seconds(stage, W) / 60.0, clock.rounds(stage))
         if not isinstance(stage, StatePpo):  # whose rollouts hold no images
             kept = max(kept, _kept(stage.options, worlds.spec("rgb"), W))
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    return Forecast(minutes, (used + kept) / _GIB)
+    return Forecast(minutes, (used + kept) / _GIB, budget)
+
+
+def within(budget: float, minutes: float, rounds: int) -> float:
+    """Minutes of a stage that ends with its budget, but not before its first round.
+
+    Args:
+        budget: min, that the stage may take.
+        minutes: min, of all rounds.
+        rounds: Number of rounds, 1 or more.
+    """
+    return min(minutes, max(budget, minutes / rounds))
 
 
 def _tell(report: Callable[[float], None], number: int, stages: int, done: float) -> None:
@@ -110,8 +132,13 @@ class _Clock:
             collecting = options.round_images / worlds * action
             return float(options.rounds * (collecting + options.updates * update + evaluation))
         (begun, first), (ended, last) = self._times[-3], self._times[-2]
-        rounds = -(-options.steps // options.round_steps)
-        return float(options.steps * (ended - begun) / (last - first) + rounds * evaluation)
+        return float(options.steps * (ended - begun) / (last - first) + self.rounds(stage) * evaluation)
+
+    @staticmethod
+    def rounds(stage: Any) -> int:
+        """Number of rounds of a stage at most."""
+        options = stage.options
+        return int(options.rounds if isinstance(options, DistilOptions) else -(-options.steps // options.round_steps))
 
 
 def _brief(stage: Any, worlds: int) -> Any:

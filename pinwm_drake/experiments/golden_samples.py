@@ -15,8 +15,10 @@ from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_exportable
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
-from pinwm_drake.systems.envs.policy_scene import scene_spec, spec_environment, usual_scene
+from pinwm_drake.systems.envs.policy_scene import policy_setup, scene_spec, spec_environment
+from pinwm_drake.systems.scenario.load import Scene
 
+_OWN = "golden samples show it"
 _EPISODES, _ACTIONS, _EVERY = 3, 13, 4
 
 
@@ -36,7 +38,7 @@ def export_bundle(
     Args:
         folder: Folder of the policy.
         out: Folder of the bundle, new or empty.
-        scene: Scene of the golden samples: see `spec_environment`; None for `usual_scene` of the policy.
+        scene: Scene of the golden samples: see `spec_environment`; None for the policy's own, `home_scene`.
         seed: Seed of the first episode's start, 0 or more.
         limits: Values of `SafetyLimits` in the place of the default ones, by name.
         progress: Called with stages "acting", for the golden samples, and "exporting".
@@ -55,21 +57,21 @@ def export_bundle(
     policy = read_policy(folder)
     require_exportable(policy)
     spec, about = policy.spec, policy.provenance
-    scene = scene or usual_scene(spec)
+    setup = policy_setup(spec, about, folder, scene, _OWN)
     if spec.scene is None:
-        there = scene_spec(spec_environment(spec, scene, "twin").setup, spec.camera)
+        there = scene_spec(spec_environment(spec, setup, "twin").setup, spec.camera)
         policy = dataclasses.replace(policy, spec=dataclasses.replace(spec, scene=there))
     chosen = dataclasses.replace(default_limits(spec), **(limits or {}))
     taught = about.get("method") != "ppo" or bool(about.get("auxiliary", False))
     with appearing(out) as temporary:
-        samples = seen_samples(policy, scene, seed, lambda share: progress("acting", share, "golden samples"))
+        samples = seen_samples(policy, setup, seed, lambda share: progress("acting", share, "golden samples"))
         progress("exporting", 0.0, "network")
         export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught)
     return read_bundle(out)
 
 
 def seen_samples(
-    policy: Policy, scene: str, seed: int, report: Callable[[float], None] = lambda share: None
+    policy: Policy, scene: Scene, seed: int, report: Callable[[float], None] = lambda share: None
 ) -> tuple[np.ndarray, ...]:
     """Images, positions and goals that the policy meets in the twin's station in a few short episodes in which it acts.
 

@@ -19,11 +19,12 @@ from pinwm_drake.learning.pin_wm import STAGES, Distillation, ImagePpo, StatePpo
 from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
-from pinwm_drake.learning.rounds import ANY, CHECKPOINT_FILE, HISTORY_FILE
+from pinwm_drake.learning.rounds import ANY, CHECKPOINT_FILE, HISTORY_FILE, ROUND_FILE
 from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.learning.weights import devices
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
+from pinwm_drake.systems.envs.policy_scene import scene_record
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
@@ -32,6 +33,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import DEFAULT_TASK
 from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
+from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin.twin import Twin
 
 FIGURE_FILE = "training.png"
@@ -68,7 +70,7 @@ def train(
     begun, worlds = time.monotonic(), worlds_of(request, domains)
     if request.method != "state" and not request.resume and not request.history:  # that asks for one without a bundle
         check_exportable(worlds.spec("rgb"))
-    if recipe_of(worlds.setup.task).waypoints and request.teacher is None:
+    if _searches(request, worlds.setup.task):
         folder = prepare_folder(out / WAYPOINTS)
         worlds.waypoints = find_waypoints(
             worlds, folder, search, seed=request.seed, resume=request.resume, report=report
@@ -89,6 +91,21 @@ def check_new(request: TrainRequest) -> None:
         raise InputError(request.out, value="a training that was begun", allowed="a new folder, or --resume to go on")
 
 
+def searches(request: TrainRequest) -> bool:
+    """Flag: a training begins with a search for waypoints; raises InputError where its scene cannot be used."""
+    return _searches(request, request.task or _setup(request).task)
+
+
+def _searches(request: TrainRequest, task: Task | str) -> bool:
+    return recipe_of(task).waypoints and request.teacher is None
+
+
+def can_go_on(out: Path) -> bool:
+    """Flag: a folder holds something that a training goes on from with `resume`."""
+    files = [out / stage / name for stage in STAGES for name in (CHECKPOINT_FILE, ROUND_FILE)]
+    return any(path.is_file() for path in [*files, out / WAYPOINTS / WAYPOINTS_FILE])
+
+
 def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]:
     return {
         "task": worlds.setup.task.name,
@@ -96,6 +113,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
         "algorithm": "ppo" if request.method == "ppo" else request.algorithm or recipe_of(worlds.setup.task).algorithm,
         **({"auxiliary": request.auxiliary} if request.method == "ppo" else {}),
         "trained_in": worlds.about,
+        "home": scene_record(request.scene, _placed_in(request)),
         "seed": request.seed,
         "worlds": request.worlds,
         "time": timestamp(),
@@ -123,11 +141,16 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
 
 
-def _setup(request: TrainRequest) -> Setup:
-    """Return the scene; a twin stands in the one that is named, or in that of the task."""
+def _placed_in(request: TrainRequest) -> str | None:
+    """Return the scenario that a twin stands in: the one that is named, or that of the task; None for its own."""
     task, where = request.task or DEFAULT_TASK, request.in_scene
     if where is None and Path(request.scene).is_dir() and recipe_of(task).scene != recipe_of(DEFAULT_TASK).scene:
         where = recipe_of(task).scene
+    return where
+
+
+def _setup(request: TrainRequest) -> Setup:
+    where = _placed_in(request)
     return load_setup(request.scene) if where is None else load_setup(where, twin=request.scene)
 
 

@@ -21,7 +21,7 @@ class Step:
         seconds: s, time taken, all runs of the stage together.
         recent: Share of the last episodes of the training itself that succeeded; NaN where it is not known.
         rate: 1/s, steps of the worlds at the pace of this run; NaN before the second unit of work.
-        left: s, until the stage is done at the pace of this run; NaN before the second unit of work.
+        left: s, until the stage is done at the pace of this run, or its budget is; NaN before the second unit of work.
     """
 
     stage: str

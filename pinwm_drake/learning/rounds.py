@@ -40,6 +40,7 @@ OnRound = Callable[[int], None]
 EVALUATION_SEED = 1_000_000  # seed of the first world, in every round: rounds are compared on the same starts
 _BEST, _WORLDS = "best.", "worlds."
 _LITTLE = 0.05  # of the episodes' length, by which a round has to be better to count
+_NEARLY = 0.99  # share of a stage that is told at most, of one that ends with its budget
 _PERIOD = 30.0  # s, between two checkpoints within a round, at least
 
 
@@ -321,7 +322,9 @@ class Rounds:
         """
         last = self.history[-1] if self.history else Round(0, 0, math.nan, math.nan, math.nan, 0.0)
         best, done, steps = self.best or last, (self.number + share) / self.total, self.steps + steps
+        seconds = time.monotonic() - self._begun
         rate, left = self._pace(done, steps)
+        done, left = self._within_budget(done, left, seconds)
         step = Step(
             stage=self.stage,
             done=done,
@@ -330,12 +333,30 @@ class Rounds:
             length=last.length,
             loss=last.loss if math.isnan(loss) else loss,
             best=best.success,
-            seconds=time.monotonic() - self._begun,
+            seconds=seconds,
             recent=recent,
             rate=rate,
             left=left,
         )
         self._run.report(step)
+
+    def _within_budget(self, done: float, left: float, seconds: float) -> tuple[float, float]:
+        """Share that is done and time that is left [s], where the budget ends before the last round.
+
+        Args:
+            done: Share of all rounds that is done.
+            left: s, until the last round is done at the pace so far; NaN where that is not known.
+            seconds: s, that the stage took until now.
+        """
+        budget = 60.0 * self._run.until.minutes
+        if math.isinf(budget) or done >= 1.0:
+            return done, left
+        rest = max(budget - seconds, 0.0)
+        if not self.history and done > 0.0:  # the first round is done in any case
+            first = left * max(1.0 / self.total - done, 0.0) / (1.0 - done)
+            rest = rest if math.isnan(first) else max(rest, first)
+        left = rest if math.isnan(left) else min(left, rest)
+        return max(done, min(seconds / max(seconds + left, 1e-9), _NEARLY)), left
 
 
 def _generators() -> dict[str, np.ndarray]:

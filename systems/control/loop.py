@@ -21,8 +21,8 @@ from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-from pinwm_drake.systems.envs.policy_scene import check_object, usual_scene
-from pinwm_drake.systems.scenario.load import Scene, load_setup
+from pinwm_drake.systems.envs.policy_scene import policy_setup
+from pinwm_drake.systems.scenario.load import Scene
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
@@ -123,6 +123,7 @@ class ControlLoop:
                 watched.GetOutputPort("pusher_state"),
                 meshcat,
                 setup,
+                engine=engine,
                 recording=recording,
                 look=self.driver is None,
             )
@@ -285,7 +286,7 @@ def make_control_loop(
     Args:
         bundle: The policy.
         engine: Engine of the station: "twin", "hydroelastic" or "point".
-        scene: The scene, see `load_setup`; None for the one that ships for the policy's task and object.
+        scene: The scene, see `load_setup`; None for the policy's own, `home_scene`.
         armed: Flag: the pusher may move.
         meshcat: Shows the scene, if given.
 
@@ -294,6 +295,6 @@ def make_control_loop(
         ParameterError: The scene has another object, pusher, floor or camera than the policy was trained with.
     """
     spec = bundle.spec
-    setup = environment_setup(load_setup(scene or usual_scene(spec)), EnvOptions(image_size=spec.camera.width))
-    check_object(spec, setup)
+    setup = policy_setup(spec, bundle.provenance, "bundle", scene)
+    setup = environment_setup(setup, EnvOptions(image_size=spec.camera.width))
     return ControlLoop(bundle, bundle.limits, setup, engine, armed=armed, meshcat=meshcat)

@@ -62,13 +62,21 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         size: Width and height of the image, px.
         period: Simulated time between publishes, s.
         recording: Flag: the page keeps what was shown, for a recording.
+        where: Object, scene and engine in words; "" leaves them out.
     """
 
     def __init__(
-        self, meshcat: Meshcat, task: Task, size: tuple[int, int], *, period: float, recording: bool = False
+        self,
+        meshcat: Meshcat,
+        task: Task,
+        size: tuple[int, int],
+        *,
+        period: float,
+        recording: bool = False,
+        where: str = "",
     ) -> None:
         super().__init__()
-        self._task = task
+        self._task, self._where = task, where
         self._shown: list[tuple[str, str]] = []
         self._due = -math.inf  # s, when numbers are told again
         self._image = np.zeros(0, np.uint8)
@@ -123,7 +131,8 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             lines.append((f"action {status.actions}: {away}", INK))
         if status.estimate:
             lines.append((f"the policy's estimate: {status.estimate}", FAINT))
-        return [*lines, (recipe_of(self._task).success_words(self._task), FAINT)]
+        told = [self._where, recipe_of(self._task).success_words(self._task)]
+        return [*lines, *((words, FAINT) for words in told if words)]
 
 
 def AddControlPage(
@@ -135,6 +144,7 @@ def AddControlPage(
     meshcat: Meshcat,
     setup: Setup,
     *,
+    engine: str,
     recording: bool = False,
     look: bool = True,
 ) -> ControlPanel:
@@ -148,12 +158,14 @@ def AddControlPage(
         pusher_state: State (6) of the pusher.
         meshcat: The server.
         setup: The scene.
+        engine: Name of the station's engine.
         recording: Flag: the page keeps what was shown, for a recording.
         look: Flag: the page looks at the whole scene: workspace, goal, and where the object starts.
     """
     spec = controller.spec
     size = (setup.camera.width, setup.camera.height)
-    panel = ControlPanel(meshcat, spec.task, size, period=spec.horizon, recording=recording)
+    where = f"{setup.twin.name} in {setup.scenario.name}, {engine}"
+    panel = ControlPanel(meshcat, spec.task, size, period=spec.horizon, recording=recording, where=where)
     builder.AddNamedSystem("control_panel", panel)
     ports = {
         "status": controller.GetOutputPort("status"),

@@ -32,7 +32,7 @@ MODES = ("separated", "sticking", "sliding")
 PAIRS = (FLOOR_PAIR, PUSHER_PAIR)
 _SLOW = 2e-3  # m/s, between the surfaces, up to which they stick
 Cases = dict[str, Setup]
-"""Setups of stations, by the engine's name."""
+"""Setups of stations by name, whose first word is the engine's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,14 +175,14 @@ def run_trials(
     """Run every push in every engine.
 
     Args:
-        cases: Setups by the engine's name.
+        cases: Setups of the engines; see `Cases`.
         trials: The pushes.
         processes: Number of processes that share the pushes, 1 or more; with one thread each. Results do not depend on
             it.
         report: Called after each push.
 
     Returns:
-        For each push the motion in each engine, in the order of the trials.
+        For each push the motion in each case, in the order of the trials.
 
     Raises:
         PinwmError: A station cannot be made.
@@ -198,5 +198,5 @@ def run_trials(
 def _run(name: str, cases: Cases, trial: Trial) -> dict[str, Motion]:
     if name not in _rigs:
         _rigs.clear()
-        _rigs[name] = {engine: SceneRig(setup, engine) for engine, setup in cases.items()}
-    return {engine: rig.run(trial) for engine, rig in _rigs[name].items()}
+        _rigs[name] = {case: SceneRig(setup, case.split()[0]) for case, setup in cases.items()}
+    return {case: rig.run(trial) for case, rig in _rigs[name].items()}

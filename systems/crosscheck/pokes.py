@@ -6,6 +6,7 @@ decide. So engines are compared at the moment the pusher stops, and by the face 
 that only few engines come to is wrong as far as anyone can tell.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,8 +19,10 @@ from rich.table import Table
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.systems.crosscheck.alike import TWIN, Effect, alike, effects, like
 from pinwm_drake.systems.crosscheck.difference import angles_between
-from pinwm_drake.systems.crosscheck.motion import Motion, SceneRig
+from pinwm_drake.systems.crosscheck.motion import Cases, Motion, SceneRig
+from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
 from pinwm_drake.systems.crosscheck.trials import Trial, draw_object
 from pinwm_drake.systems.pusher.choice import choose_poke
 from pinwm_drake.systems.scenario.setup import Setup
@@ -57,6 +60,7 @@ class PokeCheck:
     trials: list[Trial]
     motions: list[dict[str, Motion]]
     verdicts: list[PokeVerdict]
+    effects: list[Effect] = dataclasses.field(default_factory=list)  # of parameters that plants do not take over
 
     @property
     def passed(self) -> bool:
@@ -78,8 +82,8 @@ class PokeCheck:
         return []
 
     def words(self) -> list[str]:
-        """Lines, one for each engine."""
-        lines = []
+        """Lines: one for each parameter that a plant does not take over, and one for each engine."""
+        lines = [effect.words() for effect in self.effects]
         for one in self.verdicts:
             line = f"{one.engine}: another face than the majority after {one.other_face} of {len(self.trials)} pokes"
             if one.engine != "twin":
@@ -118,19 +122,32 @@ def draw_pokes(setup: Setup, number: int, seed: int) -> list[Trial]:
     return trials
 
 
-def judge(motions: Sequence[dict[str, Motion]]) -> list[PokeVerdict]:
-    """Verdicts on the engines of pokes, those of the twin first."""
-    verdicts = []
-    for engine in motions[0]:
-        done = [one for one in motions if not one[engine].failure and not one["twin"].failure]
-        pairs = [(one["twin"], one[engine]) for one in done]
+def judge_pokes(
+    options: CrossCheckOptions, cases: Cases, trials: Sequence[Trial], motions: Sequence[dict[str, Motion]]
+) -> PokeCheck:
+    """Compare the motions of an object that is poked in the twin and in plants; arguments as for `run_trials`."""
+    found = effects(cases[TWIN], options.engines, motions)
+    return PokeCheck(list(trials), list(motions), judge(motions, options.engines), found)
+
+
+def judge(motions: Sequence[dict[str, Motion]], engines: Sequence[str]) -> list[PokeVerdict]:
+    """Verdicts on the engines of pokes, those of the twin first.
+
+    Where a plant does not take over all of the twin, the twin without the rest is what it is compared with.
+    """
+    verdicts, unlike = [], [like(engine) for engine in engines if like(engine) in motions[0]]
+    voters = [*(unlike or [TWIN])[:1], *engines]
+    for engine, mine in zip((TWIN, *engines), voters, strict=True):
+        twin = alike(engine, motions[0])
+        done = [one for one in motions if not one[engine].failure and not one[twin].failure]
+        pairs = [(one[twin], one[engine]) for one in done]
         ways = np.array([np.linalg.norm(a.p_WO[a.stop] - b.p_WO[b.stop]) for a, b in pairs])
         turns = np.array([float(angles_between(a.q_WO[a.stop], b.q_WO[b.stop])) for a, b in pairs])
         verdicts.append(
             PokeVerdict(
                 engine,
                 failed=sum(bool(one[engine].failure) for one in motions),
-                other_face=sum(_is_other(one, engine) for one in motions),
+                other_face=sum(_is_other({name: one[name] for name in voters}, mine) for one in motions),
                 translation=_median_and_most(ways),
                 rotation=_median_and_most(turns),
             )

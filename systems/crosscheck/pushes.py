@@ -4,7 +4,7 @@
 import csv
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from rich.table import Table
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.report.figures.crosscheck import Differences, crosscheck_figure
+from pinwm_drake.systems.crosscheck.alike import TWIN, Effect, alike, effects, like, median
 from pinwm_drake.systems.crosscheck.difference import Course, Difference, course_of, difference_of
 from pinwm_drake.systems.crosscheck.motion import MODES, Cases, Motion
 from pinwm_drake.systems.crosscheck.options import CrossCheckOptions
@@ -35,7 +36,7 @@ _HEADINGS = (
     *("push", "engine", "moves\nmm", "turns\n°", "apart\nmm", "apart\n°", "path\nmm", "path\n°", "same\n%"),
     *("floor\n%", "pusher\n%", "energy\nmJ"),
 )
-_CAPTION = """apart: from the twin, after rest; path: at most on the way
+_CAPTION = """apart: from the twin, or the twin like the engine, after rest; path: at most on the way
 floor, pusher: share of the time until rest in which the pair is separated, sticks, slides
 same: share of the time in which twin and engine agree in both
 energy: kinetic, when the pusher stopped"""
@@ -43,7 +44,10 @@ energy: kinetic, when the pusher stopped"""
 
 @dataclass(frozen=True, eq=False)
 class PushComparison:
-    """A push in all engines: motions, summaries and differences from the twin by the engine's name."""
+    """A push in all engines: motions, summaries and differences from the twin by the engine's name.
+
+    Motions and summaries are those of the twin as each plant has it, too; see `alike.py`. Differences are from it.
+    """
 
     trial: Trial
     motions: dict[str, Motion]
@@ -97,6 +101,7 @@ class PushCheck:
     options: CrossCheckOptions
     pushes: list[PushComparison]
     verdicts: list[Verdict]
+    effects: list[Effect] = field(default_factory=list)  # of parameters that plants do not take over
 
     @property
     def passed(self) -> bool:
@@ -117,14 +122,17 @@ class PushCheck:
                     cells += [*_pair(apart.path_translation, apart.path_rotation), f"{100 * apart.same_modes:.0f}"]
                 contact = [" ".join(f"{100 * share:.0f}" for share in pair) for pair in (course.floor, course.pusher)]
                 own = _pair(course.moved, course.turned)
-                name = str(number) if engine == "twin" else ""
+                name = str(number) if engine == TWIN else ""
                 table.add_row(name, engine, *own, *cells, *contact, f"{1e3 * course.energy_stop:.2f}")
             table.add_section()
         return table
 
     def words(self) -> list[str]:
-        """Remarks on motions that failed, did not come to rest or gained energy, one line for each push and engine."""
-        return [
+        """Remarks on parameters that plants do not take over, and on motions that failed, did not end or gained energy.
+
+        There is one line for each parameter, and one for each push and engine.
+        """
+        return [effect.words() for effect in self.effects] + [
             f"push {number}, {engine}: {course.words()}"
             for number, push in enumerate(self.pushes)
             for engine, course in push.courses.items()
@@ -143,7 +151,7 @@ class PushCheck:
         Args:
             out: Folder of the files; made if need be.
             setup: The scene of the twin.
-            title: Title of the figure.
+            title: Title of the figure; what plants do not take over follows it.
 
         Raises:
             InputError: A file cannot be written.
@@ -172,8 +180,8 @@ class PushCheck:
             mesh=load_mesh(setup.twin.mesh_path),
             worst=worst,
             paths={name: (motion.p_WO, motion.q_WO) for name, motion in motions.items()},
-            p_WP=motions["twin"].p_WP,
-            title=title,
+            p_WP=motions[TWIN].p_WP,
+            title="\n".join([title, *(effect.words() for effect in self.effects)]),
         )
         return [table, figure]
 
@@ -192,23 +200,25 @@ def judge_pushes(
 ) -> PushCheck:
     """Compare the motions of an object that is pushed in the twin and in plants; arguments as for `run_trials`."""
     weights = {name: one.twin.theta["mass"].value * one.twin.gravity for name, one in cases.items()}
+    shown = [name for name in cases if name in (TWIN, *options.engines, *map(like, options.engines))]
     results = [
         PushComparison(
             trial,
-            found,
-            {name: course_of(motion, weights[name]) for name, motion in found.items()},
-            {name: difference_of(found["twin"], found[name]) for name in options.engines},
+            {name: found[name] for name in shown},
+            {name: course_of(found[name], weights[name]) for name in shown},
+            {name: difference_of(found[alike(name, found)], found[name]) for name in options.engines},
         )
         for trial, found in zip(trials, motions, strict=True)
     ]
-    return PushCheck(options, results, [_judge(name, results, options) for name in options.engines])
+    verdicts = [_judge(name, results, options) for name in options.engines]
+    return PushCheck(options, results, verdicts, effects(cases[TWIN], options.engines, motions))
 
 
 def _judge(engine: str, results: list[PushComparison], options: CrossCheckOptions) -> Verdict:
     translation = np.array([result.differences[engine].translation for result in results])
     rotation = np.array([result.differences[engine].rotation for result in results])
-    pairs = [(result.courses["twin"], result.courses[engine]) for result in results]
-    medians = _median(translation), _median(rotation)
+    pairs = [(result.courses[alike(engine, result.courses)], result.courses[engine]) for result in results]
+    medians = median(translation), median(rotation)
     return Verdict(
         engine=engine,
         median_translation=medians[0],
@@ -219,13 +229,6 @@ def _judge(engine: str, results: list[PushComparison], options: CrossCheckOption
         rising=sum(a.energy_rises or b.energy_rises for a, b in pairs),
         passed=medians[0] <= options.limits[0] and medians[1] <= options.limits[1],
     )
-
-
-def _median(values: np.ndarray) -> float:
-    """Median of values (n,); infinite rather than undefined where the two in the middle are infinite."""
-    with np.errstate(invalid="ignore"):
-        middle = float(np.median(values))
-    return math.inf if math.isnan(middle) else middle
 
 
 def _rows(number: int, result: PushComparison) -> Iterator[list[str]]:

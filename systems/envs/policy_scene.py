@@ -3,7 +3,7 @@
 
 import dataclasses
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,11 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
 from pinwm_drake.capture.pusher import upright_shape
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
-from pinwm_drake.models import shipped_scenarios
+from pinwm_drake.models import shipped_scenarios, twin_path
 from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, load_setup
@@ -26,6 +26,9 @@ from pinwm_drake.tasks.registry import changed_task, recipe_of
 # Largest distances of a scene's camera from the policy's: an identified floor lies within a millimetre of the true one.
 _OFF, _TURNED = 2e-3, 5e-3  # m, rad
 _SHARE = 1e-6
+_ALIKE = 0.1  # of the sizes of an object and of its scanned mesh
+FORCE = "--force controls it all the same"
+OTHER_OBJECT = "--other-object evaluates it all the same"
 
 
 def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> PolicySpec:
@@ -98,10 +101,103 @@ def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:
     )
 
 
-def usual_scene(spec: PolicySpec) -> str:
-    """Name of the scenario that ships for a policy's task and object, or for its task where none is of the object."""
-    name = "" if spec.scene is None else f"{spec.task.name}_{spec.scene.object.name}"
-    return name if name in shipped_scenarios() else recipe_of(spec.task).scene
+def scene_record(scene: str, in_scene: str | None) -> dict[str, str]:
+    """Where a policy was trained, for its provenance: `home_scene` finds the scene again by it.
+
+    Args:
+        scene: Scene of the training: a twin's folder, or a scenario's file or name.
+        in_scene: Scenario that the twin was placed in; None for its own.
+    """
+
+    def told(text: str) -> str:
+        return str(Path(text).resolve()) if Path(text).exists() else text
+
+    return {"scene": told(scene)} if in_scene is None else {"scene": told(in_scene), "twin": told(scene)}
+
+
+def home_scene(spec: PolicySpec, provenance: Mapping[str, Any], folder: str | Path) -> Setup:
+    """Scene of a policy's own: that of its training, or the one that ships for its task and object.
+
+    A scene that has moved together with the policy's folder is found beside it.
+
+    Args:
+        spec: Specification of the policy.
+        provenance: Provenance of the policy or bundle.
+        folder: Folder of the policy or bundle, or its name.
+
+    Raises:
+        InputError: There is no such scene any more, or the policy does not tell it, or a file of it cannot be used.
+        ParameterError: The scene has another object, pusher or floor by now.
+    """
+    about = provenance.get("policy", provenance)
+    recorded = about.get("home") if isinstance(about, Mapping) else None
+    if isinstance(recorded, Mapping) and "scene" in recorded:
+        scene, twin = (_found(recorded.get(key), Path(folder)) for key in ("scene", "twin"))
+        if scene is None or ("twin" in recorded and twin is None):
+            lost = recorded["scene"] if scene is None else recorded["twin"]
+            raise InputError(
+                folder,
+                value=f"no scene of its training at {lost}",
+                allowed=f"--scene with {_wanted(spec)}",
+            )
+        setup = load_setup(scene, twin=twin)
+        check_object(spec, setup)
+        return setup
+    trained = about.get("trained_in") if isinstance(about, Mapping) else None
+    named = trained.get("scene") if isinstance(trained, Mapping) else None
+    for name in dict.fromkeys([named, *usual_scenes(spec)]):
+        if name not in shipped_scenarios() or spec.scene is None:
+            continue
+        setup = load_setup(name)
+        if scene_spec(setup).object.mesh_sha256 == spec.scene.object.mesh_sha256:
+            return setup
+    raise InputError(folder, value="a policy that does not tell its scene", allowed=f"--scene with {_wanted(spec)}")
+
+
+def usual_scenes(spec: PolicySpec) -> list[str]:
+    """Names of scenarios that may ship for a policy: that of its task and object, and that of its task."""
+    named = [] if spec.scene is None else [f"{spec.task.name}_{spec.scene.object.name}"]
+    return [*named, recipe_of(spec.task).scene]
+
+
+def policy_setup(
+    spec: PolicySpec, provenance: Mapping[str, Any], folder: str | Path, scene: Scene | None, force: str | None = FORCE
+) -> Setup:
+    """Scene for a policy: the one that is named, or its own; see `home_scene`.
+
+    Args:
+        spec: Specification of the policy.
+        provenance: Provenance of the policy or bundle.
+        folder: Folder of the policy or bundle, or its name.
+        scene: Scene that is named; None for the policy's own.
+        force: What the refusal of another object names as the way to have it; None where it is not refused.
+
+    Raises:
+        InputError: There is no such scene, or one of its files cannot be used.
+        ParameterError: The scene has another object, pusher or floor than the policy was trained with.
+    """
+    if scene is None:
+        return home_scene(spec, provenance, folder)
+    setup = load_setup(scene)
+    if force is not None:
+        check_object(spec, setup, force)
+    return setup
+
+
+def _found(text: str | None, folder: Path) -> str | None:
+    """Return a recorded scene as it can be loaded: where it was, or beside the policy's folder; None for neither."""
+    if text is None or "://" in text or Path(text).exists() or text in shipped_scenarios():
+        return text
+    if twin_path(text).is_dir():
+        return text
+    parts = Path(text).parts
+    beside = (folder.resolve().parent.joinpath(*parts[-k:]) for k in range(1, len(parts)))
+    return next((str(path) for path in beside if path.exists()), None)
+
+
+def _wanted(spec: PolicySpec) -> str:
+    known = "of its object" if spec.scene is None else f"of {_object_words(spec.scene.object)}"
+    return f"the twin or scenario {known}"
 
 
 def spec_environment(
@@ -184,12 +280,13 @@ def check_scene(spec: PolicySpec, setup: Setup) -> None:
         )
 
 
-def check_object(spec: PolicySpec, setup: Setup) -> None:
+def check_object(spec: PolicySpec, setup: Setup, force: str = FORCE) -> None:
     """Check that a scene has the object, pusher and floor that a policy is made for, as far as those are known.
 
     Args:
         spec: Specification of the policy.
         setup: The scene.
+        force: What the message names as the way to have another one.
 
     Raises:
         InputError: A mesh of the scene cannot be used.
@@ -198,7 +295,7 @@ def check_object(spec: PolicySpec, setup: Setup) -> None:
     if spec.scene is None:
         return
     found, allowed = scene_spec(setup), spec.scene
-    all_the_same = "the policy's; --force controls it all the same"
+    all_the_same = f"the policy's; {force}"
     if found.object.mesh_sha256 != allowed.object.mesh_sha256:
         given, wanted = _object_words(found.object), _object_words(allowed.object)
         if given == wanted:
@@ -215,6 +312,14 @@ def check_object(spec: PolicySpec, setup: Setup) -> None:
             f"floor: got {1e3 * found.floor_height:.1f} mm; allowed: {1e3 * allowed.floor_height:.1f} mm, "
             f"give or take {1e3 * _OFF:g} mm, {all_the_same}"
         )
+
+
+def require_same_object(name: str, setup: Setup, other_name: str, other: Setup) -> None:
+    """Raise ParameterError where two scenes, of these names, have objects of other sizes."""
+    given, wanted = (scene_spec(one).object for one in (setup, other))
+    if not np.allclose(given.size, wanted.size, rtol=_ALIKE):
+        allowed = f"{_object_words(wanted)}, that of {other_name}; {OTHER_OBJECT}"
+        raise ParameterError(f"{name}: got {_object_words(given)}; allowed: {allowed}")
 
 
 def _object_words(about: ObjectSpec) -> str:

@@ -8,13 +8,16 @@ import numpy as np
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
+from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
+EVEN = (1.0, 1.0, 1.0)  # spread of uniform pressure
 # Of the mean volume of a piece's tetrahedra: one of less is a sliver, whose sign may be that of a rounding.
 _SLIVER = 1e-5
+_SAME_SIDE = 1e-3  # between normals of one side
 # Of a piece's longest edge: corners that are off by less are those of a box.
 _SQUARE = 1e-7
 
@@ -173,22 +176,64 @@ def seen_mesh(mesh: trimesh.Trimesh) -> str:
     return "\n".join(lines) + "\n"
 
 
-def support_spheres(mesh: trimesh.Trimesh) -> list[tuple[np.ndarray, float]]:
+def support_spheres(
+    mesh: trimesh.Trimesh, spread: Sequence[float] = EVEN, down: np.ndarray | None = None
+) -> list[tuple[np.ndarray, float]]:
     """Spheres with which an object touches a floor in point contact.
 
-    On each flat side that it can rest on they are where `geometry.patch.resting_points` puts uniform pressure, and
-    stand out by their radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
+    On each flat side that it can rest on they are where `spread_points` puts the pressure, and stand out by their
+    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
 
     Args:
         mesh: Watertight, m, frame O.
+        spread: (3,) factors of the spread of the pressure on a face along the axes of O: `support_*` of a twin.
+        down: (3,) outward normal of the side that lies on the floor all the time; None where any may come to. Only
+            there may points leave the side: elsewhere they would touch the floor while another side lies on it. Where
+            points of any side would, the other sides have uniform pressure.
 
     Returns:
         Centre (3,) [m, frame O] and radius [m] of each.
     """
-    spheres = []
-    for normal in resting_normals(mesh):
-        points = face_points(mesh, turned_down(normal))
+    spheres, sides = [], resting_normals(mesh)
+    all_fit = all(stays_within(mesh, normal, spread) for normal in sides)
+    for normal in sides:
+        fits = all_fit or (down is not None and np.linalg.norm(normal - down) < _SAME_SIDE)
+        points = spread_points(mesh, normal, spread if fits else EVEN)
         if points is not None:
             spheres += [(point, SUPPORT_RADIUS) for point in points - PROTRUSION * normal]
     corners = trimesh.convex.convex_hull(mesh.vertices).vertices
     return spheres + [(np.asarray(corner), CORNER_RADIUS) for corner in corners]
+
+
+def spread_points(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> np.ndarray | None:
+    """Points that carry an object on one side, with the pressure spread as by `geometry.floor.spread_point`.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        normal: (3,) outward normal of the side.
+        spread: (3,) factors along the axes of O, about the foot of the uniform solid's centre of mass.
+
+    Returns:
+        (n, 3) m, frame O, standing out by `PROTRUSION`; None where the side is not flat.
+    """
+    points = face_points(mesh, turned_down(normal))
+    if points is None:
+        return None
+    level, middle = np.eye(3) - np.outer(normal, normal), mass_properties(mesh, mass=1.0).p_com
+    return np.asarray(points + ((points - middle) @ level * (np.asarray(spread) - 1.0)) @ level)
+
+
+def stays_within(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> bool:
+    """Flag: no point of `spread_points` leaves the convex hull but by `PROTRUSION`, or there are none.
+
+    Args:
+        mesh: Watertight, m, frame O.
+        normal: (3,) outward normal of the side.
+        spread: (3,) factors along the axes of O.
+    """
+    points = spread_points(mesh, normal, spread)
+    if points is None:
+        return True
+    hull = trimesh.convex.convex_hull(mesh.vertices)
+    outside = ((points[:, None] - hull.triangles[None, :, 0]) * hull.face_normals[None]).sum(axis=-1)
+    return bool(outside.max() < 2.0 * PROTRUSION)

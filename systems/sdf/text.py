@@ -151,6 +151,7 @@ def pusher_sdf(
     comment: str,
     *,
     driven: bool = True,
+    touching: PusherShape | None = None,
 ) -> str:
     """Model of a pusher that translates along three axes of the world, each with a stiff drive to a desired state.
 
@@ -160,6 +161,7 @@ def pusher_sdf(
         surfaces: Coefficients.
         comment: First line of the file.
         driven: Whether it has the three joints and their drives; without, something else has to hold it.
+        touching: Shape with which it touches, where that is not the shape that is seen.
 
     Returns:
         The text of the file; the link is called "pusher", the joints "pusher_x", "pusher_y", "pusher_z".
@@ -173,16 +175,15 @@ def pusher_sdf(
         settings.PUSHER_RESOLUTION if whole else None,
     )
     if isinstance(shape, PusherShape):
-        length = {} if shape.kind == "sphere" else {"length": shape.length}
-        seen = _shape(shape.kind, radius=shape.radius, **length)
-        touching = [_collision("pusher", seen, surface)]
+        seen = _pusher_shape(shape)
+        collisions = [_collision("pusher", _pusher_shape(touching or shape), surface)]
         extent = shape.radius
     else:
         seen = _mesh(str(visual))
-        touching = [_collision(f"pusher_{k}", _mesh(uri, convex=True), surface) for k, uri in enumerate(shape)]
+        collisions = [_collision(f"pusher_{k}", _mesh(uri, convex=True), surface) for k, uri in enumerate(shape)]
         extent = 0.01
     solid = Solid(settings.PUSHER_MASS, np.zeros(3), 0.4 * settings.PUSHER_MASS * extent**2 * np.eye(3))
-    links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *touching)]
+    links = [_link("pusher", _inertial(solid), _visual(seen, _GREY), *collisions)]
     if driven:
         still = _inertial(Solid(0.0, np.zeros(3), np.zeros((3, 3))))
         chain = ["world", "pusher_slide_x", "pusher_slide_y", "pusher"]
@@ -206,6 +207,11 @@ def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
     box = _element("geometry", _element("box", f"<size>{_numbers(sizes.round(12))}</size>"))
     p, rpy = X_OB.translation().round(12), RollPitchYaw(X_OB.rotation()).vector().round(15)
     return _collision(name, box, surface, p, rpy)
+
+
+def _pusher_shape(shape: PusherShape) -> str:
+    length = {} if shape.kind == "sphere" else {"length": shape.length}
+    return _shape(shape.kind, radius=shape.radius, **length)
 
 
 def _shape(kind: str, **sizes: float) -> str:

@@ -1,23 +1,34 @@
 # SPDX-License-Identifier: MIT
 """SDFormat of a twin: its object with the identified theta, the floor, and its pusher, with their meshes."""
 
+import dataclasses
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+import numpy as np
 import torch
 
+from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.patch import resting_normals
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.scene import Scene
-from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, seen_mesh, support_spheres, volume_mesh
+from pinwm_drake.systems.sdf.collision import (
+    fine_mesh,
+    piece_mesh,
+    seen_mesh,
+    stays_within,
+    support_spheres,
+    volume_mesh,
+)
 from pinwm_drake.systems.sdf.colours import coloured_mesh
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
-from pinwm_drake.twin.rollout import twin_parameters
+from pinwm_drake.twin.rollout import NO_EFFECT, twin_parameters
 from pinwm_drake.twin.twin import Twin
 
 ContactName = Literal["hydroelastic", "point"]
@@ -67,6 +78,49 @@ def twin_surfaces(twin: Twin, reference_speed: float = REFERENCE_SPEED) -> Surfa
     return Surfaces.of_pairs(**theta, reference_speed=reference_speed)
 
 
+def nuisance_of(twin: Twin, name: str) -> float:
+    """Value of a nuisance of the physics, one of `NO_EFFECT`; that without effect where the twin has none."""
+    return twin.nuisance[name].value if name in twin.nuisance else NO_EFFECT[name]
+
+
+def twin_spread(twin: Twin) -> tuple[float, ...]:
+    """Factors (3,) of the spread of the pressure on a face along the axes of O."""
+    return tuple(nuisance_of(twin, f"support_{axis}") for axis in "xyz")
+
+
+def not_carried(twin: Twin, contact: ContactName, down: np.ndarray | None) -> list[str]:
+    """Names of the parameters of a twin's physics that the plant of a contact model does not take over.
+
+    Hydroelastic contact presses evenly on a face. So do points of a side that would leave it, see `support_spheres`. A
+    pusher that is a mesh, or would have no radius left, is not made larger or smaller. Parameters without effect are
+    not named.
+
+    Args:
+        twin: The twin.
+        contact: Contact model of the plant.
+        down: (3,) outward normal, frame O, of the side that lies on the floor all the time; None where any may come to.
+
+    Raises:
+        InputError: The mesh cannot be used.
+    """
+    mesh, spread = load_mesh(twin.mesh_path), twin_spread(twin)
+    even = contact == "hydroelastic"
+    even = even or (down is None and not all(stays_within(mesh, normal, spread) for normal in resting_normals(mesh)))
+    names = [f"support_{axis}" for axis in "xyz"] if even else []
+    if _contact_shape(twin) == twin.pusher.shape:
+        names.append("contact_offset")
+    return [name for name in names if nuisance_of(twin, name) != NO_EFFECT[name]]
+
+
+def _contact_shape(twin: Twin) -> PusherShape | None:
+    """Shape with which the pusher touches: its own, larger by the contact offset where it has a shape."""
+    shape, offset = twin.pusher.shape, nuisance_of(twin, "contact_offset")
+    if shape is None or shape.radius + offset <= 0.0:
+        return shape
+    length = max(shape.length + 2.0 * offset, 0.0) if shape.kind == "cylinder" else shape.length
+    return dataclasses.replace(shape, radius=shape.radius + offset, length=length)
+
+
 def twin_solid(twin: Twin) -> Solid:
     """Mass properties of a twin's object; its centre of mass is that of a uniform solid.
 
@@ -91,6 +145,7 @@ def object_text(
     comment: str,
     *,
     visual: str | None = None,
+    down: np.ndarray | None = None,
 ) -> str:
     """SDFormat of a twin's object; writes its meshes.
 
@@ -102,6 +157,7 @@ def object_text(
         prefix: Prefix of the names of meshes in the text; empty, or the folder with a slash.
         comment: First line of the text.
         visual: URI of a mesh to be seen instead of the twin's mesh in the colours of its surfels.
+        down: (3,) outward normal, frame O, of the side that lies on the floor all the time; see `support_spheres`.
 
     Raises:
         InputError: The mesh cannot be used, or a file cannot be written.
@@ -120,7 +176,8 @@ def object_text(
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
     pieces = mesh_pieces(twin.mesh_path)
     uris = [prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece)) for k, piece in enumerate(pieces)]
-    return object_point_sdf("object", solid, visual, pieces, uris, support_spheres(mesh), surfaces, comment)
+    supports = support_spheres(mesh, twin_spread(twin), down)
+    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:
@@ -133,7 +190,8 @@ def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comme
     """
     pusher = twin.pusher
     if pusher.shape is not None or pusher.mesh_path is None:
-        return pusher_sdf(pusher.shape or [], None, surfaces, comment, driven=driven)
+        touching = _contact_shape(twin)
+        return pusher_sdf(pusher.shape or [], None, surfaces, comment, driven=driven, touching=touching)
     hulls = mesh_pieces(pusher.mesh_path)
     pieces = [prefix + _mesh_file(folder, f"pusher_{k}", piece_mesh(hull)) for k, hull in enumerate(hulls)]
     visual = prefix + _mesh_file(folder, "pusher_visual", seen_mesh(load_mesh(pusher.mesh_path)))

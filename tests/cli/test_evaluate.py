@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.experiments.evaluation.contestant import read_contestant, usual_scene
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, scene_of
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
 from pinwm_drake.systems.envs.options import EnvOptions
@@ -64,7 +64,23 @@ def test_the_scene_that_is_not_named_is_that_of_the_task(policies, tmp_path):
     spec = policy_spec(setup, EnvOptions(task="flip", frames=2, max_steps=6), "state")
     write_policy(tmp_path / "flips", Policy(spec, make_actor(spec), {"trained": "never"}))
     cases = [("push_t", None), (policies["rgb"], None), (str(tmp_path / "flips"), None), ("mpc", None), ("mpc", "flip")]
-    assert [usual_scene(*case) for case in cases] == ["push_t", "push_t", "flip_mug", "push_t", "flip_mug"]
+    requests = [EvaluateRequest(policy, task=task) for policy, task in cases]
+    scenes = [scene_of(read_contestant(one), one).scenario.name for one in requests]
+    assert scenes == ["push_t", "push_t", "flip_mug", "push_t", "flip_mug"]
+
+
+def test_another_object_is_refused_or_asked_for_by_name(pinwm, policies, tmp_path):
+    out = ["--engine", "twin", "--episodes", "1", "--workers", "1", "-o", str(tmp_path / "out")]
+    code, _, errors = pinwm("evaluate", policies["state"], "--scene", "push_cube", *out)
+    block = "t_block, 100 x 140 x 50 mm"
+    assert (code, errors) == (
+        1,
+        f"pinwm: object: got cube, 60 x 60 x 60 mm; allowed: {block}, the policy's; "
+        "--other-object evaluates it all the same\n",
+    )
+    code, _, errors = pinwm("evaluate", "mpc", "--scene", "push_cube", "--model", "t_block", *out)
+    assert (code, errors.count("\n")) == (1, 1)
+    assert f"--model t_block: got {block}; allowed: cube, 60 x 60 x 60 mm, that of push_cube" in errors
 
 
 def test_what_is_no_policy_is_refused(pinwm, policies, tmp_path):
@@ -99,7 +115,10 @@ def test_a_policy_is_given_what_it_is_made_for(pinwm, scenario, policies, tmp_pa
     steps = int(kept["steps"])
     assert kept["p_WO"].shape == (steps + 1, 3)
     assert kept["views"].shape == ((len(kept["at"]), 32, 32, 3) if observes == "rgb" else (0, 0, 0, 3))
-    assert ("policy's" in (tmp_path / "report.html").read_text()) == (observes == "rgb")
+    page = (tmp_path / "report.html").read_text()
+    assert ("policy's" in page) == (observes == "rgb")
+    assert f"<title>Evaluation of {policies[observes]}: t_block in small push, twin</title>" in page
+    assert found["provenance"]["object"] == "t_block"
 
 
 def test_tolerances_and_yaw_are_those_asked_for(pinwm, scenario, policies, tmp_path):

@@ -139,6 +139,14 @@ def test_an_evaluation_can_be_made_longer(pinwm, scenario, tmp_path, evaluated):
 def test_an_interrupted_run_says_how_to_go_on(pinwm, scenario, tmp_path, monkeypatch, evaluated):
     base = ["evaluate", "random", "--scene", scenario, "--seed", "5", *SHORT, "-o", str(tmp_path)]
 
+    def at_once(*arguments, **options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pinwm_drake.experiments.evaluation.run.run_episodes", at_once)
+        code, output, _ = pinwm(*base)
+    assert (code, output.splitlines()[-1]) == (1, "interrupted after 0 episodes")
+
     def interrupted(runner, request, seeds, store, executor, *, on_result):
         run_episodes(runner, request, seeds[:2], store, executor, on_result=on_result)
         raise KeyboardInterrupt

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
 from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.training import can_go_on
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
@@ -41,6 +42,7 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     assert policy.spec.observes == "state"
     assert policy.provenance["trained_in"]["delta"] == 0.1
     assert policy.provenance["seed"] == 0
+    assert policy.provenance["home"] == {"scene": "push_t"}
     assert (tmp_path / "run" / "training.png").stat().st_size > 1000
     assert list((tmp_path / "run" / "teacher" / "tensorboard").iterdir())
     # What it acts in is what it was trained in.
@@ -81,3 +83,20 @@ def test_a_run_that_was_killed_goes_on_with_the_same_result(tmp_path):
     assert train(*arguments, "-o", tmp_path / "killed", "--resume").exit_code == 0
     whole, rest = weights(tmp_path / "whole"), weights(tmp_path / "killed")
     assert all(np.array_equal(whole[name], rest[name]) for name in whole)
+
+
+def test_an_interrupted_run_names_resume_only_where_something_is_kept(tmp_path, monkeypatch):
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinwm_drake.experiments.forecast.forecast", interrupt)
+    out = train("push_t", "-o", tmp_path / "run", "--method", "state", *SHORT)
+    assert (out.exit_code, out.output.splitlines()[-1]) == (1, "interrupted; nothing is kept")
+    assert not can_go_on(tmp_path / "run")
+    (tmp_path / "run/teacher").mkdir(parents=True)
+    assert not can_go_on(tmp_path / "run")
+    (tmp_path / "run/teacher/round.npz").touch()
+    assert can_go_on(tmp_path / "run")
+    out = train("push_t", "-o", tmp_path / "run", "--method", "state", *SHORT)
+    words = f"interrupted; go on with --resume (what is done is in {tmp_path / 'run'})"
+    assert (out.exit_code, out.output.splitlines()[-1]) == (1, words)

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: MIT
+import math
 from dataclasses import replace
 
 import pytest
 
-from pinwm_drake.experiments.forecast import Forecast, _Clock, _kept, forecast
+from pinwm_drake.experiments.forecast import Forecast, _Clock, _kept, forecast, within
 from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.pin_wm import Distillation, StateSac
@@ -47,6 +48,26 @@ def test_every_stage_is_forecast(tmp_path, values, stages):
     assert min(found.minutes.values()) > 0.0
     assert 0.1 < found.memory < 20.0
     assert not (tmp_path / "run").exists()
+
+
+def test_a_budget_limits_the_forecast_but_for_the_first_round_of_a_stage(tmp_path, monkeypatch):
+    # 100 rounds of 3 minutes each: all of them, as many as there is time for, and one in any case.
+    assert within(math.inf, 300.0, 100) == 300.0
+    assert within(12.0, 300.0, 100) == 12.0
+    assert within(2.0, 300.0, 100) == 3.0
+    # Ten hours a stage without end, in rounds of 0.6 minutes: the teacher has half of the budget, the student the rest.
+    monkeypatch.setattr(_Clock, "seconds", lambda *_: 36000.0)
+    monkeypatch.setattr(_Clock, "rounds", lambda *_: 1000)
+    found = forecast(TrainRequest("push_t", tmp_path / "run", **SHORT, minutes=12.0))
+    assert found.minutes == {"teacher": 6.0, "distil": 6.0}
+    assert str(found).startswith("up to 12 minutes (teacher 6 and distil 6)")
+    assert "in any case" not in str(found)
+
+
+def test_a_budget_that_is_shorter_than_the_first_rounds_is_told():
+    words = str(Forecast({"teacher": 9.0, "distil": 11.0}, 1.3, 12.0))
+    assert words.endswith("memory; one round of each stage takes more than --minutes 12, and is done in any case")
+    assert "case" not in str(Forecast({"teacher": 6.0, "distil": 6.0}, 1.3, 12.0))
 
 
 def test_all_is_told_in_a_line():

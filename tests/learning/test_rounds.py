@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from pinwm_drake.learning.rounds import Rounds, StageRun
+from pinwm_drake.learning.rounds import Rounds, StageRun, Until
 
 
 def ended(tmp_path, *results):
@@ -34,3 +34,33 @@ def test_the_best_round_is_the_shortest_that_had_a_success(tmp_path, results, be
     again = Rounds(StageRun(tmp_path, "stage", resume=True), len(results))
     assert again.best.number == best
     assert np.array_equal(again.best_weights()["weight"], rounds.best_weights()["weight"])
+
+
+def test_the_time_that_is_left_is_that_of_the_budget_and_is_told_anew(tmp_path, monkeypatch):
+    now, told = [100.0], []
+    monkeypatch.setattr("pinwm_drake.learning.rounds.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("pinwm_drake.learning.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    rounds = Rounds(StageRun(tmp_path, "stage", until=Until(minutes=12.0), report=told.append), 100)
+    assert (told[-1].done, told[-1].left) == (0.0, 720.0)  # nothing is known but the budget
+    now[0] += 60.0
+    rounds.tell(0.5)
+    # 2 minutes a round would be 199 more minutes: 11 are left.
+    assert told[-1].left == pytest.approx(660.0)
+    assert told[-1].done == pytest.approx(60.0 / 720.0)
+    now[0] += 60.0
+    rounds.end({}, torch.nn.Linear(1, 1), SimpleNamespace(success_rate=0.5, mean_steps=9.0), steps=1, loss=0.0)
+    now[0] += 600.0
+    rounds.tell(0.0)
+    assert (told[-1].left, told[-1].done) == (0.0, pytest.approx(0.99))
+
+
+def test_a_first_round_that_takes_longer_than_the_budget_is_waited_for(tmp_path, monkeypatch):
+    now, told = [100.0], []
+    monkeypatch.setattr("pinwm_drake.learning.rounds.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("pinwm_drake.learning.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    rounds = Rounds(StageRun(tmp_path, "stage", until=Until(minutes=1.0), report=told.append), 10)
+    now[0] += 50.0
+    rounds.tell(0.25)
+    # A quarter of the round took 50 s, so 150 s are left of it.
+    assert told[-1].left == pytest.approx(150.0)
+    assert told[-1].done == pytest.approx(0.25)

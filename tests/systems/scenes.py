@@ -19,6 +19,7 @@ from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush
 from pinwm_drake.systems.scenario.schema import Pusher, Scenario, Shape, Theta
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.sdf.collision import divided
+from pinwm_drake.twin.twin import Estimate
 
 GRAVITY = 9.81
 SPHERE = PusherShape("sphere", 0.01)
@@ -76,6 +77,12 @@ def setup_of(
     theta = Theta(mass, friction, friction if pusher_friction is None else pusher_friction, restitution)
     shape = Shape(pusher.kind, pusher.radius, pusher.length)
     return make_setup(Scenario(object=name, theta=theta, pusher=Pusher(shape=shape), **options))
+
+
+def with_nuisance(setup: Setup, **values: float) -> Setup:
+    """The scene with nuisances of the twin's physics: support_* (1), center_* (m), contact_offset (m)."""
+    given = {name: Estimate(value, None, True, "1", "given") for name, value in values.items()}
+    return replace(setup, twin=replace(setup.twin, nuisance=setup.twin.nuisance | given))
 
 
 def bench(

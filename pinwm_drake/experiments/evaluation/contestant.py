@@ -53,6 +53,7 @@ class Contestant:
         spec: Specification of a policy or bundle; None for the others.
         provenance: Origin as plain data: the training's; for "mpc", name and theta of the scene it plans with.
         make: Gives the policy for an environment.
+        folder: Folder of the policy or bundle.
     """
 
     kind: str
@@ -60,6 +61,7 @@ class Contestant:
     spec: PolicySpec | None
     provenance: dict[str, Any]
     make: Callable[[TaskEnv], Acts]
+    folder: Path = Path()
 
     @property
     def observes(self) -> str:
@@ -76,7 +78,7 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
     if request.policy == RANDOM:
         return Contestant(RANDOM, RANDOM, None, {}, lambda env: RandomActions(env.action_space))
     if request.policy == MPC:
-        return _mpc(_model(request))
+        return _mpc(request)
     from pinwm_drake.learning.bundle import is_bundle, read_bundle
 
     ships = request.policy in shipped_policies()
@@ -85,15 +87,15 @@ def read_contestant(request: EvaluateRequest) -> Contestant:
         policy = read_policy(folder)
         spec = json.dumps(policy.spec.to_document(), sort_keys=True)
         identity = hashlib.sha256(f"{weights_digest(policy)}{spec}".encode()).hexdigest()
-        return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy)
+        return Contestant("policy", identity, policy.spec, policy.provenance, lambda env: policy, folder)
     if (found_format := find_format(folder)) is not None:
         document, method = found_format
         other = method.read(folder)
         identity = _digest(document, folder / method.weights)
-        return Contestant("policy", identity, other.spec, other.provenance, lambda env: other)
+        return Contestant("policy", identity, other.spec, other.provenance, lambda env: other, folder)
     if folder.is_dir() and is_bundle(folder):
         bundle = read_bundle(folder)
-        return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle)
+        return Contestant("bundle", bundle.sha256, bundle.spec, bundle.provenance, lambda env: bundle, folder)
     found = f"a folder without {POLICY_FILE}" if folder.is_dir() else "no such folder"
     raise InputError(
         folder, value=found, allowed=f"a policy, a bundle, {', '.join([*shipped_policies(), MPC])} or {RANDOM}"
@@ -108,32 +110,18 @@ def _digest(*paths: Path) -> str:
     return digest.hexdigest()
 
 
-def usual_scene(policy: str, task: str | None) -> str:
-    """Name of the scenario in which a contestant is evaluated where none is named: that of its task and object.
-
-    Args:
-        policy: The contestant, as `EvaluateRequest` has it.
-        task: Name of the task of "mpc" and "random"; None for the default one.
+def scene_of(contestant: Contestant, request: EvaluateRequest) -> Setup:
+    """Scene of an evaluation: the one that is named; else a policy's own, or that of the task.
 
     Raises:
-        InputError: There is no such policy or bundle, or a file of it cannot be used.
-        ParameterError: There is no such task.
+        InputError: There is no such scene, or one of its files cannot be used.
+        ParameterError: The scene has another object, pusher or floor than the policy was trained with, and the request
+            does not ask for it; or there is no such task.
     """
-    spec = None if task is not None or policy in (MPC, RANDOM) else read_contestant(EvaluateRequest(policy)).spec
-    return recipe_of(task or DEFAULT_TASK).scene if spec is None else policy_scene.usual_scene(spec)
-
-
-def with_scene(request: EvaluateRequest) -> EvaluateRequest:
-    """Return the request with a scene; that of its task and object where it names none."""
-    if request.scene is not None:
-        return request
-    return dataclasses.replace(request, scene=usual_scene(request.policy, request.task))
-
-
-def _scene(request: EvaluateRequest) -> str:
-    scene = with_scene(request).scene
-    assert scene is not None
-    return scene
+    if contestant.spec is None:
+        return load_setup(request.scene or recipe_of(request.task or DEFAULT_TASK).scene)
+    force = None if request.other_object else policy_scene.OTHER_OBJECT
+    return policy_scene.policy_setup(contestant.spec, contestant.provenance, contestant.folder, request.scene, force)
 
 
 def station_of(request: EvaluateRequest) -> StandIn | None:
@@ -160,7 +148,7 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
         ParameterError: An option is out of range, or the scene is not one that the policy is made for.
     """
     spec = contestant.spec
-    setup = load_setup(_scene(request))
+    setup = scene_of(contestant, request)
     if request.yaw is not None:
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
@@ -186,21 +174,25 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
 
 def _model(request: EvaluateRequest) -> Setup:
     """Return the scene that a controller plans in: that of the evaluation, or with the twin `request.model`."""
+    scene = request.scene or recipe_of(request.task or DEFAULT_TASK).scene
     if request.model is None:
-        return load_setup(_scene(request))
+        return load_setup(scene)
     planner = recipe_of(request.task or DEFAULT_TASK).planner
+    model = load_setup(request.model)
     if planner == "sampling" and Path(request.model).is_dir():  # it plans in the worlds of the evaluation's scene
-        return load_setup(_scene(request), twin=request.model)
-    return load_setup(request.model)
+        model = load_setup(scene, twin=request.model)
+    if not request.other_object:
+        policy_scene.require_same_object(f"--model {request.model}", model, scene, load_setup(scene))
+    return model
 
 
-def _mpc(model: Setup) -> Contestant:
+def _mpc(request: EvaluateRequest) -> Contestant:
     """Contestant of the task's model-predictive controller, which plans with a scene's parameters, true or not."""
     from pinwm_drake.systems.mpc.policy import PushMpcPolicy
     from pinwm_drake.systems.mpc.sampling import SamplingMpc
 
     planners: dict[str, Callable[..., Acts]] = {"outline": PushMpcPolicy, "sampling": SamplingMpc}
-    known = environment_setup(model)
+    known = environment_setup(_model(request))
     theta = {name: float(estimate.value) for name, estimate in known.twin.theta.items()}
 
     def make(env: TaskEnv) -> Acts:

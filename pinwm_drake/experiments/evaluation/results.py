@@ -28,7 +28,7 @@ from pinwm_drake.report.evaluation.report import EvaluationStory
 from pinwm_drake.report.scene import coloured_actors
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.runs.film import object_actors
-from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks.registry import recipe_of
 
 _TILE, _SECTIONS = 200, 12  # px of a picture of an episode, and sides of a pusher that is shown that small
@@ -58,7 +58,11 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, 
 
 
 def provenance_of(
-    request: EvaluateRequest, contestant: Contestant, records: Sequence[EpisodeRecord], workers: int
+    request: EvaluateRequest,
+    contestant: Contestant,
+    env: TaskEnv,
+    records: Sequence[EpisodeRecord],
+    workers: int,
 ) -> dict[str, Any]:
     """Provenance of the results, and the time that they took, as plain data."""
     actions = sum(record.result.steps for record in records)
@@ -68,7 +72,8 @@ def provenance_of(
         "policy": request.policy,
         "policy_provenance": contestant.provenance,
         "policy_spec": None if contestant.spec is None else contestant.spec.to_document(),
-        "scene": request.scene,
+        "scene": request.scene or env.setup.scenario.name,
+        "object": env.setup.twin.name,
         "model": request.model,
         "versions": versions() | {name: version(name) for name in ("drake", "gymnasium")},
         "workers": workers,
@@ -126,25 +131,25 @@ def write_episodes(path: Path, records: Sequence[EpisodeRecord], q_WO: tuple[flo
 
 def story_of(
     request: EvaluateRequest,
+    believed: Setup,
     env: TaskEnv,
     records: Sequence[EpisodeRecord],
     settings: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> EvaluationStory:
-    """Contents of the report."""
+    """Contents of the report; `believed` is the scene without what a stand-in changes."""
     task, setup = env.task, env.setup
+    where = f"{setup.twin.name} in {setup.scenario.name}, {env.engine}"
     return EvaluationStory(
-        title=f"Evaluation of {request.policy}",
-        about=f"{request.policy} in {setup.scenario.name}, {env.engine}; {recipe_of(task).success_words(task)}",
+        title=f"Evaluation of {request.policy}: {where}",
+        about=f"{request.policy}: object {where}; {recipe_of(task).success_words(task)}",
         records=records,
         max_steps=env.max_steps,
         horizon=setup.period,
         q_WO=lying(env),
         settings=settings,
         provenance=provenance,
-        film=episode_film(
-            env, visual_path=load_setup(request.scene or env.setup).visual_path if request.stand_in else None
-        ),
+        film=episode_film(env, visual_path=believed.visual_path if request.stand_in else None),
     )
 
 

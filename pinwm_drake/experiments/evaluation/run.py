@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinwm_drake.errors import require
-from pinwm_drake.experiments.evaluation.contestant import read_contestant, with_scene
+from pinwm_drake.experiments.evaluation.contestant import read_contestant, scene_of
 from pinwm_drake.experiments.evaluation.episodes import EpisodeRunner, run_episodes
 from pinwm_drake.experiments.evaluation.results import (
     lying,
@@ -24,7 +24,7 @@ from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import EvaluationStory, write_evaluation_report
 from pinwm_drake.report.video import write_video
-from pinwm_drake.systems.scenario.load import load_setup, scene_hash
+from pinwm_drake.systems.scenario.load import scene_hash
 from pinwm_drake.threads import available
 
 EPISODES = "episodes"
@@ -76,27 +76,32 @@ def evaluate(
     Raises:
         PinwmError: An input was refused, or a file cannot be written.
     """
-    request, out = with_scene(request), Path(out)
+    out = Path(out)
     require("--workers", workers, workers is None or workers >= 1, "1 or more")
     workers = workers or available()
     processes = Executor(executor, workers=workers)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
-    believed = load_setup(request.scene or runner.env.setup) if request.stand_in else runner.env.setup
+    believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
     settings = settings_of(request, contestant, runner.env, scene_hash(believed))
     store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
     records = _run_all(runner, request, store, processes, progress)
     evaluation = _evaluation(records)
-    provenance = provenance_of(request, contestant, records, workers)
+    provenance = provenance_of(request, contestant, runner.env, records, workers)
     write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
     write_episodes(out / TABLE_FILE, records, lying(runner.env))
     done = len(records)
     _draw(
         out,
-        story_of(request, runner.env, records, settings, provenance),
+        story_of(request, believed, runner.env, records, settings, provenance),
         lambda share: progress(EvaluationProgress(done, done, evaluation, share)),
     )
     return evaluation
+
+
+def can_go_on(out: Path) -> bool:
+    """Flag: a folder holds episodes that an evaluation goes on with by `resume`."""
+    return any((out / EPISODES).glob("*.npz"))
 
 
 def _run_all(

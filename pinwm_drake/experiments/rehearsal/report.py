@@ -15,18 +15,20 @@ from pinwm_drake.report.page import write_page
 REPORT_FILE = "report.html"
 
 
-def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Trial]) -> None:
+def write_rehearsal_report(path: Path, request: RehearseRequest, trials: list[Trial], where: str = "") -> None:
     """Write the report of a rehearsal.
 
     Args:
         path: Page to write, in HTML.
         request: The rehearsal.
         trials: Its trials, 1 or more.
+        where: Object, scene and engine in words; "" where they are not known.
     """
     write_page(
         path,
         "experiments/rehearsal/report.html",
         request=request,
+        where=where,
         trials=len(trials),
         wrong=[trial for trial in trials if not trial.good],
         found=summary(trials),

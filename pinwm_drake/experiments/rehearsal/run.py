@@ -28,8 +28,7 @@ from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.systems.arm.driver import arm_limits
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-from pinwm_drake.systems.envs.policy_scene import usual_scene
-from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.envs.policy_scene import policy_setup
 from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
 
@@ -40,6 +39,7 @@ _AFTER = 0.4  # s after the controller stopped, for the robot to come to rest
 _LONGEST = 3.0  # s after a fault, until a trial is given up
 _AMOUNTS = ("faults", "moments", "minutes", "episodes", "port")  # of a request, which may be others when it goes on
 _ATTEMPTS, _SEEDS = 10, 1_000_000  # of a start at which the task is not done at once, and seeds between two attempts
+_OWN = "a rehearsal is of the policy's own scene"
 _STARTING = 120.0  # s, for the arm to begin
 
 
@@ -141,11 +141,12 @@ def rehearse(
     """
     out = prepare_folder(out)
     bundle = _aimed(request)
-    request = replace(request, scene=request.scene or usual_scene(bundle.spec))
+    setup = _scene(request, bundle)
+    request = replace(request, scene=request.scene or setup.scenario.name)
     trials = _begun(out, request, bundle.sha256, resume)
     kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
     with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
-        parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle)))
+        parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle, setup)))
 
         def keep(trial: Trial) -> None:
             trials.append(trial)
@@ -190,7 +191,17 @@ def shortfall(request: RehearseRequest) -> str:
         InputError: Bundle or scene cannot be used.
     """
     bundle = _aimed(request)
-    return bundle.limits.shortfall(arm_limits(load_setup(request.scene or usual_scene(bundle.spec))))
+    return bundle.limits.shortfall(arm_limits(_scene(request, bundle)))
+
+
+def scene_words(request: RehearseRequest) -> str:
+    """Object, scene and engine of a rehearsal in words; raises InputError where bundle or scene cannot be used."""
+    setup = _scene(request, _aimed(request))
+    return f"{setup.twin.name} in {setup.scenario.name}, a simulated arm"
+
+
+def _scene(request: RehearseRequest, bundle: Bundle) -> Setup:
+    return policy_setup(bundle.spec, bundle.provenance, request.bundle, request.scene, _OWN)
 
 
 def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> list[Trial]:
@@ -273,15 +284,14 @@ def summary(trials: list[Trial]) -> dict[str, Any]:
 
 
 @contextmanager
-def _parties(request: RehearseRequest, bundle: Bundle) -> Iterator["_Parties"]:
-    assert request.scene is not None
+def _parties(request: RehearseRequest, bundle: Bundle, scene: Setup) -> Iterator["_Parties"]:
     with ExitStack() as stack:
         held = stack.enter_context(socket.socket())  # another rehearsal on the port would hear the messages of this one
         try:
             held.bind(("127.0.0.1", request.port))
         except OSError as error:
             raise ParameterError(f"--port: got {request.port}, which is in use; allowed: a free one") from error
-        setup = environment_setup(load_setup(request.scene), EnvOptions(image_size=bundle.spec.camera.width))
+        setup = environment_setup(scene, EnvOptions(image_size=bundle.spec.camera.width))
         link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
         context = multiprocessing.get_context("spawn")
         (arm, arm_end), (relay, relay_end) = context.Pipe(), context.Pipe()

@@ -81,6 +81,9 @@ class EvaluateRequest:
         bool,
         option("Evaluate in the stand-in for a robot: shifted camera, late actions, ragged masks.", group=LAB),
     ] = False
+    other_object: Annotated[
+        bool, option("Admit a scene of another object, pusher or floor than the policy's.", group=LAB)
+    ] = False
 
     def __post_init__(self) -> None:
         """Check options that depend on each other."""

@@ -349,7 +349,12 @@ class EvaluationCell(SceneCell):
         if self.system in (MPC, RANDOM_ACTIONS):
             given = {"policy": EVALUATED_MPC if self.system == MPC else RANDOM, "model": subject, "task": scene.task}
         request = EvaluateRequest(
-            scene=scene.scene, episodes=self.episodes, max_steps=self.max_steps, stand_in=self.stand_in, **given
+            scene=scene.scene,
+            episodes=self.episodes,
+            max_steps=self.max_steps,
+            stand_in=self.stand_in,
+            other_object=True,  # the true one, of which a twin's mesh may be a scan
+            **given,
         )
 
         def progress(now: EvaluationProgress) -> None:

@@ -20,6 +20,7 @@ from pinwm_drake.spatial.poses import Pose
 
 Lines = list[tuple[np.ndarray, tuple[float, float, float]]]
 _GOAL, _PUSHER = (0.02, 0.42, 0.10), (0.10, 0.25, 0.55)  # linear RGB
+_BAND = 24  # px, height of the title
 _BORDER, _STAYS = 3, 8  # px, and pictures that the end of a film shows
 
 
@@ -78,12 +79,22 @@ class FilmGrid:
     """
 
     def __init__(
-        self, film: EpisodeFilm, records: Sequence[EpisodeRecord], columns: int = 4, *, keep: int = 40
+        self,
+        film: EpisodeFilm,
+        records: Sequence[EpisodeRecord],
+        columns: int = 4,
+        *,
+        keep: int = 40,
+        title: str = "",
     ) -> None:
         self._film, self._records = film, list(records)
         self._columns = min(columns, len(self._records))
         rows = -(-len(self._records) // self._columns)
-        self.size = (self._columns * film.camera.width // 2 * 2, rows * film.camera.height // 2 * 2)
+        width = self._columns * film.camera.width // 2 * 2
+        self._band = np.full((_BAND if title else 0, width, 3), 255, np.uint8)
+        if title:
+            write_caption(self._band, title)
+        self.size = (width, len(self._band) + rows * film.camera.height // 2 * 2)
         self.steps = max(record.last for record in self._records)
         self.kept = evenly(self.steps + 1, keep)
         self._last = cache(lambda k: film.captioned(self._records[k], self.steps))
@@ -99,7 +110,8 @@ class FilmGrid:
         ]
         tiles += [np.full_like(tiles[0], 255)] * (-len(tiles) % self._columns)
         rows = [np.hstack(tiles[k : k + self._columns]) for k in range(0, len(tiles), self._columns)]
-        picture = np.ascontiguousarray(np.vstack(rows)[: self.size[1], : self.size[0]])
+        grid = np.vstack(rows)[: self.size[1] - len(self._band), : self.size[0]]
+        picture = np.ascontiguousarray(np.vstack([self._band, grid]))
         if step in self.kept:
             self._drawn[step] = picture
         return picture

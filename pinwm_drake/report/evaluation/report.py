@@ -43,7 +43,7 @@ class EvaluationStory:
     @cached_property
     def grid(self) -> FilmGrid:
         """Film of the first episodes, side by side."""
-        return FilmGrid(self.film, self.records[: self.shown], keep=_MOST_FRAMES)
+        return FilmGrid(self.film, self.records[: self.shown], keep=_MOST_FRAMES, title=self.title)
 
 
 def write_evaluation_report(

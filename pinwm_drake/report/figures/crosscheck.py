@@ -25,7 +25,7 @@ from pinwm_drake.report.style import (
     tidy,
 )
 
-_COLOURS = (TWIN, TRUTH, "#3b8f5a", "#b07d1a")
+_COLOURS = (TWIN, TRUTH, "#3b8f5a", "#b07d1a", "#7d5ba6")
 _LEAST = 1e-2  # of a threshold: what is nearer than that is drawn there
 
 

@@ -15,6 +15,8 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     CollisionFilterDeclaration,
     GeometryId,
@@ -23,6 +25,7 @@ from pydrake.geometry import (
     Role,
     SceneGraph,
 )
+from pydrake.math import RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
@@ -33,12 +36,22 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
 from pinwm_drake.systems.scenario.setup import Setup
+from pinwm_drake.systems.sdf.collision import EVEN, support_spheres
 from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_support, shipped_supports, shipped_uri
 from pinwm_drake.systems.sdf.text import floor_sdf, object_point_sdf, object_sdf
-from pinwm_drake.systems.sdf.twin import ContactName, object_text, pusher_text, twin_solid, twin_surfaces
+from pinwm_drake.systems.sdf.twin import (
+    ContactName,
+    object_text,
+    pusher_text,
+    twin_solid,
+    twin_spread,
+    twin_surfaces,
+)
+from pinwm_drake.tasks.registry import recipe_of
 
 _STICTION_SPEED = 1e-5  # m/s, below which friction is viscous
 _MODELS = {"hydroelastic": ContactModel.kHydroelastic, "point": ContactModel.kPoint}
@@ -138,21 +151,33 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
     """
     twin, name = setup.twin, setup.scenario.object
     surfaces = twin_surfaces(twin, setup.scenario.plant.reference_speed)
+    down = lying_side(setup)
     folder = _scratch_folder() if name is None or twin.pusher.shape is None else Path()
     prefix = f"file://{folder}/"
     visual = None if setup.visual_path == twin.mesh_path else f"file://{setup.visual_path.resolve()}"
     if name is None:
-        pushed = object_text(twin, surfaces, contact, folder, prefix, "Object.", visual=visual)
+        pushed = object_text(twin, surfaces, contact, folder, prefix, "Object.", visual=visual, down=down)
     elif contact == "hydroelastic":
         mesh, support = shipped_uri(f"{name}/{name}_contact.obj"), shipped_support(name)
         pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, support, surfaces, "Object.")
     else:
         pieces = shipped_pieces(name)
         uris = [shipped_uri(file) for file in piece_names(name, len(pieces))]
-        supports = shipped_supports(name)
+        spread = twin_spread(twin)
+        supports = (
+            shipped_supports(name) if spread == EVEN else support_spheres(load_mesh(twin.mesh_path), spread, down)
+        )
         pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.")
     pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")
+
+
+def lying_side(setup: Setup) -> np.ndarray | None:
+    """Outward normal (3,), frame O, of the side on which the object lies; None where the task's motions tip it."""
+    if recipe_of(setup.task).check == "pokes":
+        return None
+    q_WO = np.array(setup.scenario.start.q_WO, float)
+    return np.asarray(-RotationMatrix(Quaternion(wxyz=q_WO / np.linalg.norm(q_WO))).matrix()[2])
 
 
 def _scratch_folder() -> Path:

@@ -71,6 +71,7 @@ def test_words_tell_state_reason_and_distance(meshcat, told):
     loop.simulator.get_system().ForcedPublish(loop.simulator.get_context())
     assert "action 3: the object is 36 mm and 23° from the goal" in told[-1]
     assert told[-1][-1].startswith("success is rest within 20 mm")
+    assert told[-1][-2] == f"t_block in {loop.station.setup.scenario.name}, twin"
     loop.controller.Fail(loop.simulator.get_mutable_context(), "the camera is unplugged")
     loop.stop()
     assert told[-1][:2] == ["stopped by a fault", "the camera is unplugged"]

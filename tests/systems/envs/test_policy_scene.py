@@ -1,27 +1,31 @@
 # SPDX-License-Identifier: MIT
 import dataclasses
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import InputError, ParameterError, PinwmError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.models import model_path
+from pinwm_drake.models import model_path, twin_path
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import (
     check_object,
     check_scene,
+    home_scene,
+    policy_setup,
     policy_spec,
+    scene_record,
     scene_spec,
     spec_environment,
-    usual_scene,
 )
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.schema import Shape
 from pinwm_drake.systems.scenario.setup import make_setup
+from pinwm_drake.twin.read import load_twin
 
 
 @pytest.fixture(scope="module")
@@ -144,13 +148,51 @@ def test_the_floor_of_a_policy_that_does_not_tell_it_is_as_far_below_its_camera(
     assert scene_spec(env.setup, higher).floor_height == pytest.approx(0.0015, abs=1e-12)
 
 
-@pytest.mark.parametrize("scene", ["push_t", "push_cube", "flip_cube", "flip_mug"])
-def test_the_usual_scene_of_a_policy_is_that_of_its_task_and_object(scene):
-    setup = load_setup(scene)
-    assert usual_scene(policy_spec(setup, EnvOptions(), "state")) == scene
+@pytest.mark.parametrize("scene", ["push_t", "push_cube", "push_cube_slippery", "flip_cube", "flip_mug"])
+def test_the_own_scene_of_a_policy_is_that_of_its_training(scene):
+    spec = policy_spec(load_setup(scene), EnvOptions(), "state")
+    assert home_scene(spec, {"home": scene_record(scene, None)}, "anywhere").scenario.name == scene
+    assert home_scene(spec, {"policy": {"home": scene_record(scene, None)}}, "a bundle").scenario.name == scene
+    # As older policies have it: the scene's name.
+    assert home_scene(spec, {"trained_in": {"scene": scene}}, "anywhere").scenario.name == scene
 
 
-def test_the_usual_scene_of_an_object_that_does_not_ship_is_that_of_the_task(spec):
-    assert usual_scene(dataclasses.replace(spec, scene=None)) == "push_t"
-    strange = dataclasses.replace(spec.scene, object=dataclasses.replace(spec.scene.object, name="kettle"))
-    assert usual_scene(dataclasses.replace(spec, scene=strange)) == "push_t"
+def test_a_policy_of_an_older_version_has_the_scene_that_ships_for_its_object(spec):
+    assert home_scene(spec, {}, "policy").scenario.name == "push_t"
+    kettle = dataclasses.replace(spec.scene.object, name="kettle", mesh_sha256="0" * 64)
+    strange = dataclasses.replace(spec, scene=dataclasses.replace(spec.scene, object=kettle))
+    wanted = "--scene with the twin or scenario of kettle, 100 x 140 x 50 mm"
+    with pytest.raises(InputError, match=f"policy: got a policy that does not tell its scene; allowed: {wanted}"):
+        home_scene(strange, {}, "policy")
+    with pytest.raises(InputError, match="--scene with the twin or scenario of its object"):
+        home_scene(dataclasses.replace(spec, scene=None), {}, "policy")
+
+
+def test_a_twin_is_found_where_it_was_or_beside_the_policy(tmp_path):
+    shutil.copytree(twin_path("t_block"), tmp_path / "here/out/mine")
+    record = scene_record(str(tmp_path / "here/out/mine"), None)
+    spec = policy_spec(load_setup(tmp_path / "here/out/mine"), EnvOptions(), "state")
+    found = home_scene(spec, {"home": record}, tmp_path / "here/out/policy")
+    assert Path(found.scenario.twin) == tmp_path / "here/out/mine"
+    assert found.twin.floor_height == load_twin(twin_path("t_block")).floor_height
+    (tmp_path / "here").rename(tmp_path / "there")
+    found = home_scene(spec, {"home": record}, tmp_path / "there/out/policy")
+    assert Path(found.scenario.twin) == tmp_path / "there/out/mine"
+    with pytest.raises(InputError, match=f"no scene of its training at {tmp_path}/here/out/mine; allowed: --scene"):
+        home_scene(spec, {"home": record}, tmp_path / "elsewhere/policy")
+    # Placed in another scenario, it is there again.
+    placed = scene_record(str(tmp_path / "there/out/mine"), "push_cube")
+    cube = policy_spec(load_setup("push_cube", twin=tmp_path / "there/out/mine"), EnvOptions(), "state")
+    assert home_scene(cube, {"home": placed}, tmp_path).scenario.name == "push_cube"
+    # A twin in the same place whose mesh is another one is refused.
+    mesh = tmp_path / "there/out/mine/meshes/object.obj"
+    mesh.write_text(model_path("cube/cube.obj").read_text())
+    with pytest.raises(PinwmError, match="object"):
+        home_scene(spec, {"home": record}, tmp_path / "there/out/policy")
+
+
+def test_a_scene_of_another_object_is_refused_unless_it_is_asked_for(spec):
+    with pytest.raises(ParameterError, match=r"object: got cube, 60 x 60 x 60 mm; allowed: t_block.*; ask for it"):
+        policy_setup(spec, {}, "policy", "push_cube", "ask for it")
+    assert policy_setup(spec, {}, "policy", "push_cube", None).twin.name == "cube"
+    assert policy_setup(spec, {}, "policy", None).twin.name == "t_block"

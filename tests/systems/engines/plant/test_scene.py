@@ -11,7 +11,7 @@ from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.systems.sdf.contact import SUPPORT_RADIUS
-from tests.systems.scenes import GRAVITY, base_of, bench
+from tests.systems.scenes import GRAVITY, base_of, bench, bench_of, setup_of, with_nuisance
 
 STEP = 1 / 3840  # s
 CONTACTS = ["hydroelastic", "point"]
@@ -74,6 +74,39 @@ def test_a_spinning_object_stops_by_the_torque_of_uniform_pressure(name, frictio
     assert scene.velocity(simulator)[2] == pytest.approx(0.5 * w, rel=1e-2)
     simulator.AdvanceTo(1.05 * w / slowing)
     assert abs(scene.velocity(simulator)[2]) < 1e-3
+
+
+@pytest.mark.parametrize("spread", [0.6, 1.5])
+def test_a_cube_whose_pressure_is_spread_stops_by_as_much_more_torque(spread):
+    # With s times the distances the torque is s times that of uniform pressure, also where points leave the face.
+    height, radius, inertia = base_of("cube")
+    setup = with_nuisance(setup_of("cube", 0.1), support_x=spread, support_y=spread, support_z=spread)
+    scene = bench_of(setup, "point", STEP)
+    X_WO, w = settled(scene, height), 3.0
+    slowing = 0.1 * GRAVITY * spread * radius / inertia
+    simulator = scene.start(X_WO, [0, 0, w, 0, 0, 0])
+    simulator.AdvanceTo(0.5 * w / slowing)
+    # A step is 0.3 % of the time, and twelve spheres are 0.6 % off the face; measured 1.03 % at 1.5.
+    assert scene.velocity(simulator)[2] == pytest.approx(0.5 * w, rel=1.5e-2)
+
+
+@pytest.mark.parametrize("contact", CONTACTS)
+def test_a_pusher_touches_sooner_by_the_contact_offset(contact):
+    # A sphere of 10 mm comes from -x at 0.1 m/s to a cube of 60 mm, friction 0.5: a gap of 4 mm less the offset.
+    setup = with_nuisance(setup_of("cube", 0.5), contact_offset=0.002)
+    scene = bench_of(setup, contact, STEP)
+    push = StraightPush(np.array([-0.03 - 0.01 - 0.004, 0, 0.03]), np.array([1.0, 0, 0]), 0.1, 0.03, 10.0)
+    simulator = scene.start(settled(scene, 0.03), push=push)
+    simulator.AdvanceTo(0.0195)
+    before = scene.pose(simulator).translation()[0]
+    simulator.AdvanceTo(0.3)
+    assert abs(before) < 1e-6
+    # 30 mm of way from 2 mm before; overlap 0.1 mm at most, and it leaves 2 mm/s faster at most.
+    assert scene.pose(simulator).translation()[0] == pytest.approx(0.028, abs=3e-4)
+    touching, seen = scene.parts.plant, scene.parts.scene_graph.model_inspector()
+    (one,) = touching.GetCollisionGeometriesForBody(scene.parts.pusher)
+    (other,) = touching.GetVisualGeometriesForBody(scene.parts.pusher)
+    assert (seen.GetShape(one).radius(), seen.GetShape(other).radius()) == (pytest.approx(0.012), 0.01)
 
 
 def hit(restitution, pusher=None, friction=0.03, speed=0.12, step=STEP, contact="hydroelastic"):
