@@ -31,8 +31,8 @@ from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
 _SHOWN = 4  # views on the page of a fit
 _CHECKPOINT_EVERY = 200  # iterations, some ten seconds
-# A mesh fits where outlines and masks overlap by so much, but for a rim, in all but so many views, at a place that is so
-# near to the given one [m]. Captures of `docs/lab-book/2026-11-28-mesh-that-does-not-fit.md` have 0.96 or more.
+# A mesh fits where outlines and masks overlap by so much, but for a rim, in all but so many views, at a place that is
+# so near to the given one [m]: see docs/lab-book/2026-11-28-mesh-that-does-not-fit.md.
 _FITS, _EXCEPT, _NEAR = 0.75, 0.25, 0.015
 # Bytes that a run may write: pictures and video; two checkpoints, page and PLY for each surfel.
 _SPACE, _SPACE_PER_SURFEL = 32_000_000, 2500

@@ -13,8 +13,13 @@ from pinwm_drake.errors import InputError
 
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) and faces (m, 3) int
 
-_MARKS = (codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32")
-_MARKS += (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16")
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
 _TEXTS = ".obj", ".off", ".stl", ".ply"
 
 
@@ -72,8 +77,10 @@ def _decoded(path: Path, data: bytes, codec: str | None = None) -> str:
 
 
 def _is_binary_stl(path: Path, data: bytes) -> bool:
-    return path.suffix.lower() == ".stl" and len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(
-        data[80:84], "little"
+    return (
+        path.suffix.lower() == ".stl"
+        and len(data) >= 84
+        and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
     )
 
 

@@ -73,9 +73,7 @@ class _Nest:
         for shell, volume in zip(shells, self._volumes, strict=True):
             if volume < _LEAST:
                 raise GeometryError(f"{shell.name} without volume")
-        self.shells = [
-            shell if volume > 0.0 else shell.turned() for shell, volume in zip(shells, signed, strict=True)
-        ]
+        self.shells = [shell if volume > 0.0 else shell.turned() for shell, volume in zip(shells, signed, strict=True)]
         self._manifolds: dict[int, manifold3d.Manifold] = {}
         self.parents: list[int | None] = [None] * len(shells)
         self._crossing: list[tuple[int, int]] = []
