@@ -5,6 +5,7 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.errors import GeometryError
+from pinwm_drake.geometry.meshes import outer_mesh
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import box, convex_hull
 
@@ -12,7 +13,7 @@ from pinwm_drake.geometry.shapes import box, convex_hull
 def decompose(
     mesh: trimesh.Trimesh, *, threshold: float = 0.05, max_pieces: int = 32, seed: int = 0
 ) -> list[ConvexPiece]:
-    """Approximates a mesh by convex pieces that leave its hollows open.
+    """Approximates a mesh by convex pieces that leave its hollows open, but fill its closed voids.
 
     Args:
         mesh: Watertight, m.
@@ -34,8 +35,10 @@ def decompose(
         raise GeometryError(f"threshold of decompose is {threshold}; allowed: 0.01 to 1")
     if max_pieces < 1:
         raise GeometryError(f"max_pieces of decompose is {max_pieces}; allowed: 1 or more")
-    if not mesh.is_watertight:
-        raise GeometryError("decompose got an open mesh; allowed: watertight, two faces at every edge")
+    try:
+        mesh = outer_mesh(mesh)
+    except GeometryError as error:
+        raise GeometryError(f"decompose got {error}; allowed: watertight, two faces at every edge") from error
     import coacd
 
     coacd.set_log_level("error")

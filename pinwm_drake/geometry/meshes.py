@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: MIT
 """Triangle meshes: reading them with checks, and their mass properties."""
 
-import io
 import os
 import warnings
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import trimesh
 
 from pinwm_drake.errors import GeometryError, InputError, PinwmError
+from pinwm_drake.geometry.mesh_files import Triangles, read_objects
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
+from pinwm_drake.geometry.shells import Shell, closed_shells
+from pinwm_drake.geometry.solid import outer, solid
+
+Result = TypeVar("Result")
 
 # Extents [m] beyond which a file is taken to be in another unit: objects on a table are in between.
 _LARGEST, _SMALLEST = 5.0, 1e-3
@@ -20,6 +26,7 @@ _LARGEST, _SMALLEST = 5.0, 1e-3
 # A part whose volume is below this share of that of its convex hull is not convex. Coordinates rounded to
 # 1e-6 m cost a part of 10 mm about 1e-4 of its volume.
 _CONVEX_SHARE = 1.0 - 1e-3
+_SOLID = "pinwm_solid"  # metadata of a mesh: its hash when it was made the surface of a solid
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,26 +45,24 @@ class MassProperties:
 
 
 def load_mesh(path: str | os.PathLike[str]) -> trimesh.Trimesh:
-    """Read a closed triangle mesh.
+    """Read a closed triangle mesh as the surface of a solid, in which voids subtract and overlaps count once.
 
-    The objects of an OBJ file ("o name") are closed surfaces of their own and may touch or overlap.
+    Corners at the same position are one, whatever seams of materials or texture there are. The rule of windings is that
+    of `solid`: a shell in another is a void where it is wound the other way, and else a body that counts once.
 
     Args:
-        path: A file that trimesh reads (OBJ, STL, PLY, GLB), coordinates in metres.
+        path: A file that trimesh reads (OBJ, STL, PLY, OFF, GLB, GLTF), coordinates in metres.
 
     Returns:
-        The mesh, with faces turned outwards and without textures.
+        The mesh, with faces turned out of the material and without textures. Bodies that only touch stay apart.
 
     Raises:
         InputError: The file is missing, cannot be read, has no faces or faces that make no sense, has a coordinate
-            that is not finite, is not watertight, encloses no volume, or has an extent below 1 mm or above 5 m.
+            that is not finite, is not closed, encloses no volume, or has an extent below 1 mm or above 5 m.
     """
-    parts = _load_parts(Path(path))
-    starts = np.cumsum([0] + [len(part.vertices) for part in parts])
-    vertices = np.concatenate([part.vertices for part in parts])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    # Not processed: that would join the corners that two parts share, and open their surfaces.
-    return trimesh.Trimesh(vertices, faces, process=False)
+    mesh = _guarded(Path(path), lambda path: _as_mesh(solid(_read_shells(path))))
+    mesh.metadata[_SOLID] = hash(mesh)
+    return mesh
 
 
 def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
@@ -67,14 +72,15 @@ def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
         path: File of the mesh, as for `load_mesh`.
 
     Returns:
-        The convex hull of each object and each separate component, in the order of the file, frame of the
-        mesh.
+        The convex hull of each object and each separate component that is in no other, in the order of the file, frame
+        of the mesh. Closed voids are left out, as nothing can touch them.
 
     Raises:
         InputError: The file is refused as by `load_mesh`, or a part is not convex.
     """
     pieces = []
-    for number, part in enumerate(_load_parts(Path(path)), start=1):
+    for number, shell in enumerate(_guarded(Path(path), lambda path: outer(_read_shells(path))), start=1):
+        part = _as_mesh([shell])
         hull = part.convex_hull
         if part.volume < _CONVEX_SHARE * hull.volume:
             raise InputError(
@@ -89,10 +95,10 @@ def load_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
 def mass_properties(
     mesh: trimesh.Trimesh, *, mass: float | None = None, density: float | None = None
 ) -> MassProperties:
-    """Mass, centre of mass and inertia of a solid of uniform density.
+    """Mass, centre of mass and inertia of a solid of uniform density, in which voids subtract and overlaps count once.
 
     Args:
-        mesh: Watertight, faces turned outwards, m.
+        mesh: Closed by its positions, m; windings mean what they do for `load_mesh`.
         mass: kg; or
         density: kg/m^3.
 
@@ -108,14 +114,16 @@ def mass_properties(
     given = mass if mass is not None else density
     if given is None or not np.isfinite(given) or given <= 0.0:
         raise GeometryError(f"mass_properties got mass={mass}, density={density}; allowed: a positive number")
-    if not mesh.is_watertight or mesh.volume <= 0.0:
-        raise GeometryError("mass_properties got a mesh without a volume; allowed: watertight, faces outwards")
-    solid = trimesh.triangles.mass_properties(mesh.triangles, density=1.0)
-    scale = given if density is not None else given / solid["volume"]
+    try:
+        whole = mesh if mesh.metadata.get(_SOLID) == hash(mesh) else _as_mesh(solid(_shells_of(mesh)))
+    except GeometryError as error:
+        raise GeometryError(f"mass_properties got {error}; allowed: a closed mesh around a volume") from error
+    about = trimesh.triangles.mass_properties(whole.triangles, density=1.0)
+    scale = given if density is not None else given / about["volume"]
     return MassProperties(
-        mass=float(scale * solid["volume"]),
-        p_com=np.array(solid["center_mass"], float),
-        inertia=scale * np.array(solid["inertia"], float),
+        mass=float(scale * about["volume"]),
+        p_com=np.array(about["center_mass"], float),
+        inertia=scale * np.array(about["inertia"], float),
     )
 
 
@@ -124,12 +132,28 @@ def half_diagonal(mesh: trimesh.Trimesh) -> float:
     return 0.5 * float(np.linalg.norm(mesh.extents))
 
 
-def _load_parts(path: Path) -> list[trimesh.Trimesh]:
-    """Return the closed parts of a file, each checked; InputError whatever the file holds."""
+def outer_mesh(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Return a mesh without its closed voids and what is in them: the surface that others can touch.
+
+    Raises:
+        GeometryError: The mesh is not closed.
+    """
+    return _as_mesh(outer(_shells_of(mesh)))
+
+
+def _shells_of(mesh: trimesh.Trimesh) -> list[Shell]:
+    shells = closed_shells(np.asarray(mesh.vertices, float), np.asarray(mesh.faces))
+    return [replace(shell, name=f"part {number}") for number, shell in enumerate(shells, start=1)]
+
+
+def _guarded(path: Path, read: Callable[[Path], Result]) -> Result:
+    """Read a file; InputError whatever it holds."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # trimesh divides by areas and volumes of nothing
-            return _read_parts(path)
+            return read(path)
+    except GeometryError as error:
+        raise InputError(path, value=error, allowed="a watertight mesh: two faces at every edge") from error
     except PinwmError:
         raise
     except Exception as error:  # faces that name corners that are not there, and what else a broken file leads to
@@ -138,19 +162,20 @@ def _load_parts(path: Path) -> list[trimesh.Trimesh]:
         raise InputError(path, value=found, allowed="a watertight triangle mesh") from error
 
 
-def _read_parts(path: Path) -> list[trimesh.Trimesh]:
-    """Return the closed parts of a file, each checked; what trimesh raises for a broken file is not caught."""
+def _read_shells(path: Path) -> list[Shell]:
+    """Return the closed shells of a file, object by object."""
     if not path.is_file():
         value = "a folder" if path.is_dir() else "no such file"
         raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply or .glb")
     try:
-        objects = _read_obj(path) if path.suffix.lower() == ".obj" else [trimesh.load_mesh(path)]
+        objects = read_objects(path)
+    except InputError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their parsers do
         raise InputError(path, value=f"unreadable contents ({error})", allowed="a triangle mesh") from error
-    objects = [mesh for mesh in objects if len(mesh.faces)]
     if not objects:
         raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
-    vertices = np.concatenate([mesh.vertices for mesh in objects])
+    vertices = np.concatenate([vertices[np.unique(faces)] for vertices, faces in objects.values()])
     if not np.all(np.isfinite(vertices)):
         raise InputError(path, value="a coordinate that is not finite", allowed="finite coordinates in metres")
     extent = float(np.ptp(vertices, axis=0).max())
@@ -160,34 +185,24 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
             value=f"an extent of {extent:g} m",
             allowed=f"{_SMALLEST:g} m to {_LARGEST:g} m; is it in millimetres?",
         )
-    parts = []
-    for mesh in objects:
-        mesh.merge_vertices()
-        # Not mended: an open mesh is the user's to look at.
-        pieces = mesh.split(only_watertight=False, repair=False)
-        parts.extend(sorted(pieces, key=lambda part: tuple(part.bounds.ravel())))
-    for part in parts:
-        if not part.is_watertight or not part.is_winding_consistent:
-            raise InputError(path, value="an open surface", allowed="a watertight mesh: two faces at every edge")
-        volume = float(part.volume)
-        if abs(volume) < 1e-12:
-            raise InputError(path, value="a part without volume", allowed="parts of 1 mm^3 or more")
-        if volume < 0.0:
-            part.invert()
-    return parts
+    shells: list[Shell] = []
+    open_ones: list[Triangles] = []
+    for triangles in objects.values():
+        try:
+            shells += closed_shells(*triangles)
+        except GeometryError:  # one material, or one side, of a body that others close
+            open_ones.append(triangles)
+    if open_ones:
+        shells += closed_shells(*_joined(open_ones))
+    return [replace(shell, name=f"part {number}") for number, shell in enumerate(shells, start=1)]
 
 
-def _read_obj(path: Path) -> list[trimesh.Trimesh]:
-    """Return the objects of an OBJ file in its order (trimesh returns them in another)."""
-    text = path.read_text()
-    loaded = trimesh.exchange.obj.load_obj(
-        io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True
-    )
-    blocks = loaded.get("geometry", {"": loaded})
-    names = [line[2:].strip() for line in text.splitlines() if line.startswith("o ")]
-    order = {name: number for number, name in reversed(list(enumerate(names)))}
-    meshes = []
-    for name in sorted(blocks, key=lambda name: order.get(name, len(order))):
-        faces = blocks[name].get("faces", np.zeros((0, 3), int))
-        meshes.append(trimesh.Trimesh(blocks[name]["vertices"], faces, process=False))
-    return meshes
+def _joined(objects: Sequence[Triangles]) -> Triangles:
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in objects])
+    faces = [faces + start for (_, faces), start in zip(objects, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in objects]), np.concatenate(faces)
+
+
+def _as_mesh(shells: Sequence[Shell]) -> trimesh.Trimesh:
+    """Return shells as one mesh, not processed: that would join the corners that two share, and open their surfaces."""
+    return trimesh.Trimesh(*_joined([(shell.vertices, shell.faces) for shell in shells]), process=False)

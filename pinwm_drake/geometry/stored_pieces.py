@@ -12,7 +12,7 @@ import trimesh
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.convex import decompose
-from pinwm_drake.geometry.meshes import load_mesh, load_pieces
+from pinwm_drake.geometry.meshes import load_mesh, load_pieces, outer_mesh
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
 
@@ -63,11 +63,12 @@ def cache_folder() -> Path:
 
 
 def _belong(pieces: list[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
-    """Return True where pieces reach as far as a mesh and fill as much."""
+    """Return True where pieces reach as far as a mesh and fill as much as it does with its closed voids."""
     points = np.concatenate([piece.vertices for piece in pieces])
     apart = np.abs(np.stack([points.min(0), points.max(0)]) - mesh.bounds).max()
     volume = sum(trimesh.convex.convex_hull(piece.vertices).volume for piece in pieces)
-    return bool(apart <= _REACH * mesh.extents.max() and abs(volume - mesh.volume) <= _FILL * mesh.volume)
+    filled = outer_mesh(mesh).volume
+    return bool(apart <= _REACH * mesh.extents.max() and abs(volume - filled) <= _FILL * filled)
 
 
 def _read(path: Path) -> list[np.ndarray] | None:

@@ -9,11 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from pinwm_drake.experiments import alignment
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.live.page import PAGE_FILE, PICTURE_FILE, ProgressPage
-from tests.capture.cube import SIDE, write_capture, write_mesh, write_views
+from tests.capture.cube import HEIGHT, SIDE, write_capture, write_views
 from tests.streams import without_note
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,12 +99,38 @@ def test_a_bare_folder_needs_a_mesh_and_no_held_out_views(pinwm, tmp_path):
     assert (
         errors == f"pinwm: --mesh: got none; allowed: the object's mesh, as {views} is no capture with one of its own\n"
     )
-    mesh = write_mesh(tmp_path / "cube.obj")
+    mesh = tmp_path / "cube.obj"
+    standing = trimesh.creation.box((SIDE, SIDE, SIDE))
+    standing.apply_translation([0.0, 0.0, HEIGHT]).export(mesh)
     code, output, errors = pinwm(*command, "--mesh", str(mesh))
     assert (code, errors) == (0, "")
     record = json.loads((tmp_path / "out/align.json").read_text())
     assert record["psnr"]["held_out"] is None
     assert len(record["views"]["fitted"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        (lambda mesh: mesh.apply_scale(0.7), r"misses .* in 8 of 8 views; in images/\d+\.png it has overlap"),
+        (lambda mesh: mesh.apply_scale(1.4), r"misses the masks of .* in \d of 8 views"),
+        (lambda mesh: mesh.apply_scale([1.0, 0.4, 1.0]), "misses the masks"),
+        (lambda mesh: mesh.apply_translation([0.0, 0.0, 0.03]), "misses the masks"),
+        (lambda mesh: mesh.apply_translation([0.02, 0.0, 0.0]), "a mesh that is 20 mm from where the masks"),
+    ],
+)
+def test_a_mesh_that_does_not_fit_its_masks_is_refused_before_the_fit(pinwm, tmp_path, monkeypatch, change, found):
+    capture = write_capture(tmp_path / "cube")
+    mesh = trimesh.creation.box((SIDE, SIDE, SIDE))
+    change(mesh)
+    mesh.export(capture / "meshes/object.obj")
+    monkeypatch.setattr(alignment, "fit", lambda *_, **__: pytest.fail("the fit began"))
+    code, _, errors = pinwm("align", str(capture), str(tmp_path / "out"), *SMALL)
+    assert code == 1
+    assert re.search(found, errors)
+    assert errors.count("\n") == 1
+    assert "object.obj: got a mesh" in errors
+    assert "; allowed: " in errors
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: MIT
+"""Triangles of mesh files, object by object, by positions alone."""
+
+import codecs
+import io
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pinwm_drake.errors import InputError
+
+Triangles = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) and faces (m, 3) int
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_TEXTS = ".obj", ".off", ".stl", ".ply"
+
+
+def read_objects(path: Path) -> dict[str, Triangles]:
+    """Triangles of each object of a file, with the transforms of its scene; what a reader raises is not caught.
+
+    Args:
+        path: An OBJ file, in which each "o name" is an object, or another that trimesh reads.
+
+    Raises:
+        InputError: A line of an OBJ file makes no sense, or the text is in an unknown encoding.
+    """
+    data = path.read_bytes()
+    text = _text(path, data)
+    if path.suffix.lower() == ".obj":
+        return _read_obj(path, _decoded(path, data) if text is None else text)
+    kind = path.suffix.lower()[1:]
+    if text is None:
+        scene = trimesh.load_scene(path, process=False)
+    else:
+        scene = trimesh.load_scene(io.BytesIO(text.encode()), file_type=kind, process=False)
+    objects: dict[str, Triangles] = {}
+    for node in scene.graph.nodes_geometry:
+        X_SG, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+            faces = np.array(mesh.faces)
+            if faces.max() >= len(mesh.vertices) or faces.min() < 0:
+                raise IndexError(f"a face of corner {faces.max()}, of {len(mesh.vertices)}")
+            vertices = np.asarray(mesh.vertices, float) @ X_SG[:3, :3].T + X_SG[:3, 3]
+            objects[str(node)] = vertices, faces if np.linalg.det(X_SG[:3, :3]) >= 0.0 else faces[:, ::-1]
+    return objects
+
+
+def _text(path: Path, data: bytes) -> str | None:
+    """Text of a file that begins with a byte order mark, or has a zero in its first two bytes; None for another."""
+    if path.suffix.lower() not in _TEXTS or _is_binary_stl(path, data):
+        return None
+    for mark, codec in _MARKS:
+        if data.startswith(mark):
+            return _decoded(path, data, codec).removeprefix("\ufeff")
+    if len(data) > 1 and (data[0] == 0) != (data[1] == 0) and path.suffix.lower() != ".ply":
+        return _decoded(path, data, "utf-16-be" if data[0] == 0 else "utf-16-le")
+    return None
+
+
+def _decoded(path: Path, data: bytes, codec: str | None = None) -> str:
+    """Text in a codec; None for UTF-8, or Latin-1 where it is none, as letters beyond ASCII are in names alone."""
+    try:
+        return data.decode(codec or "utf-8")
+    except UnicodeDecodeError as error:
+        if codec is None:
+            return data.decode("latin-1")
+        raise InputError(path, value=f"text that is no {codec}", allowed="text in UTF-8") from error
+
+
+def _is_binary_stl(path: Path, data: bytes) -> bool:
+    return (
+        path.suffix.lower() == ".stl"
+        and len(data) >= 84
+        and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    )
+
+
+def _read_obj(path: Path, text: str) -> dict[str, Triangles]:
+    """Return the objects of an OBJ file in its order; polygons as fans."""
+    points: list[list[float]] = []
+    faces: dict[str, list[tuple[int, int, int]]] = {}
+    mine: list[tuple[int, int, int]] = faces.setdefault("", [])
+    pending = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        line = pending + line.split("#", 1)[0].rstrip()
+        if line.endswith("\\"):
+            pending = line[:-1] + " "
+            continue
+        pending = ""
+        key, *words = line.split() or [""]
+        try:
+            if key == "v":
+                x, y, z = map(float, words[:3])
+                points.append([x, y, z])
+            elif key == "f":
+                corners = [int(word.split("/", 1)[0]) for word in words]
+                corners = [corner + len(points) if corner < 0 else corner - 1 for corner in corners]
+                if len(corners) < 3 or min(corners) < 0:
+                    raise ValueError
+                mine += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+            elif key == "o":
+                mine = faces.setdefault(" ".join(words), [])
+        except ValueError as error:
+            found = repr(line.strip()[:60])
+            raise InputError(path, row=number, value=found, allowed='"v x y z", "f a b c" or more corners') from error
+    vertices = np.array(points, float).reshape(-1, 3)
+    objects = {}
+    for name, triangles in faces.items():
+        if triangles:
+            index = np.array(triangles)
+            if index.max() >= len(vertices):
+                found = f"a face of corner {index.max() + 1}"
+                raise InputError(path, value=found, allowed=f"1 to {len(vertices)}, the corners that the file has")
+            used, corner = np.unique(index, return_inverse=True)
+            objects[name] = vertices[used], corner.reshape(-1, 3)
+    return objects
