@@ -14,7 +14,7 @@ from pinwm_drake.capture.episode_tables import read_frame_table, read_object_pos
 from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.scene import EPISODES, Capture, load_capture
 from pinwm_drake.capture.static_views import find_mask
-from pinwm_drake.capture.transforms import read_camera, read_pose
+from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
 from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -142,4 +142,5 @@ def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndar
 def read_fixed_camera(folder: Path) -> tuple[Camera, Pose]:
     """Camera and its pose X_WC (OpenCV axes) from `camera.json`; raises InputError as `read_episode` does."""
     document = read_json(folder / CAMERA_FILE)
+    require_known(document)
     return read_camera(document, document), read_pose(document["transform_matrix"])

@@ -122,7 +122,7 @@ def test_masks_are_found_by_either_name(scan, scenery, tmp_path, name):
     import_colmap(scan / "model", tmp_path / "out", scenery, IDENTITY, **folders)
     assert all(view.mask.sum() == 400 for view in read_static_views(tmp_path / "out"))
     (tmp_path / "masks" / name.format("004")).unlink()
-    with pytest.raises(InputError, match="the mask of 004"):
+    with pytest.raises(InputError, match="no mask 004"):
         import_colmap(scan / "model", tmp_path / "other", scenery, IDENTITY, **folders)
 
 

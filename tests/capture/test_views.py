@@ -58,7 +58,7 @@ def test_views_show_the_object_where_its_mesh_is(tmp_path, alpha):
         np.testing.assert_allclose(at, expected, atol=1e-9)
         np.testing.assert_allclose(depths, expected_depths, atol=1e-12)
         rows, columns = np.nonzero(view.mask.numpy())
-        # A pixel counts where any part of it is covered.
+        # A pixel counts where half of it is covered.
         assert columns.min() == pytest.approx(math.floor(at[:, 0].min()), abs=1)
         assert columns.max() == pytest.approx(math.floor(at[:, 0].max()), abs=1)
         assert rows.min() == pytest.approx(math.floor(at[:, 1].min()), abs=1)
@@ -73,9 +73,11 @@ def test_alpha_and_white_say_the_same(tmp_path):
     with_alpha = read_views(write_views(tmp_path / "a", count=2))
     on_white = read_views(write_views(tmp_path / "b", count=2, alpha=False))
     for one, other in zip(with_alpha, on_white, strict=True):
+        # A pixel of the outline that is about half covered may count in one and not in the other.
+        same = one.mask == other.mask
+        assert same.float().mean() > 0.998
         # One rounding to 8 bits.
-        np.testing.assert_allclose(one.image, other.image, atol=0.51 / 255)
-        assert (one.mask == other.mask).float().mean() > 0.999
+        np.testing.assert_allclose(one.image[same], other.image[same], atol=0.51 / 255)
 
 
 def test_a_bare_folder_and_its_file_are_read(tmp_path):
@@ -181,7 +183,7 @@ def truncate(path):
         (lambda c: save(c, np.zeros((48, 48, 4), np.uint8)), ["no pixel of the object"]),
         (lambda c: save(c, np.full((48, 48, 3), 255, np.uint8)), ["no pixel of the object"]),
         (lambda c: save(c, np.full((48, 48, 3), 90, np.uint8)), ["no white pixel", "masks/"]),
-        (lambda c: save(c, np.zeros((48, 40, 4), np.uint8) + 9), ["40 x 48 px"]),
+        (lambda c: save(c, np.full((48, 40, 4), 200, np.uint8)), ["40 x 48 px"]),
         (lambda c: save(c, np.zeros((48, 48), np.uint16)), ["mode I;16"]),
     ],
 )

@@ -14,7 +14,7 @@ from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
-from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.capture.transforms import Frame, read_frame, require_different, require_known
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -36,6 +36,7 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
     entries = None if document is None else attempt(lambda: document["frames"].items(), findings.error)
     if document is None or entries is None:
         return 0
+    attempt(lambda: require_known(document), findings.error)
     read = (attempt(partial(read_frame, document, entry), findings.error) for entry in entries)
     frames = [frame for frame in read if frame is not None]
     require_different(frames, findings.error)

@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: MIT
 """The capture that an importer writes: its scene, its static views, and files copied into it."""
 
+import os
 import shutil
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.paths import require_file
+from pinwm_drake.capture.paths import is_folder, require_file
 from pinwm_drake.capture.scene import PusherShape
+from pinwm_drake.capture.static_views import is_picture
 from pinwm_drake.capture.write import write_capture_yaml, write_posed_images
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
@@ -72,6 +75,23 @@ Report = Callable[[float], None]
 
 def unheard(share: float) -> None:
     """Report to nobody."""
+
+
+def tell_unposed(folder: Path, images: list[Path]) -> None:
+    """Warns of pictures beside the posed ones, in the folders of these, that have no pose and are left out.
+
+    Args:
+        folder: Folder from which the names in the warning count.
+        images: The posed pictures.
+    """
+    posed = {path.resolve() for path in images}
+    near = (
+        other for place in sorted({path.parent for path in images}) if is_folder(place) for other in place.iterdir()
+    )
+    left = sorted(os.path.relpath(path, folder) for path in near if is_picture(path) and path.resolve() not in posed)
+    if left and {Path(name).parent for name in left} != {Path()}:
+        more = f" and {len(left) - 1} more" if len(left) > 1 else ""
+        warnings.warn(f"{folder}: {left[0]}{more} without a pose, left out", UserWarning, stacklevel=2)
 
 
 def write_static(folder: Path, images: list[PosedImage], similarity: Similarity, report: Report = unheard) -> None:
