@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.scene import EPISODES, Capture, load_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
+from pinwm_drake.capture.units import require_computable
 from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -108,6 +110,17 @@ def read_episode(capture: Capture, name: str) -> Episode:
         View(path.name, path, *read_fixed_camera(path), *read_frame_table(path, trajectory.t)) for path in folders
     )
     return Episode(**vars(own), trajectory=trajectory, object_poses=read_object_poses(folder), others=tuple(others))
+
+
+def tell_doubts(episode: Episode) -> Episode:
+    """Return an episode that is to be computed; a warning tells implausible times.
+
+    Raises:
+        InputError: The times are such that a computation would not end; the message proposes their unit.
+    """
+    for doubt in require_computable(episode.folder, episode.t, episode.trajectory):
+        warnings.warn(str(doubt), UserWarning, stacklevel=2)
+    return episode
 
 
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:

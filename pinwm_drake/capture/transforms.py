@@ -123,8 +123,11 @@ def require_different(frames: list[Frame], refuse: Refuse = raise_it) -> None:
             refuse(frame.entry["file_path"].refusal(f"each image once (it is in {other} too)"))
 
 
-def read_frame(document: Entry, frame: Entry) -> Frame:
-    """One frame; `document` holds what is not in the frame itself. Raises InputError as `read_transforms` does."""
+def read_frame(document: Entry, frame: Entry, farthest: float = FARTHEST) -> Frame:
+    """One frame; `document` holds what is not in the frame itself.
+
+    Cameras are within `farthest` of the origin, in the file's unit. Raises InputError as `read_transforms` does.
+    """
     require_known(frame)
     file_path = frame["file_path"].text()
     mask_path = frame.find("mask_path")
@@ -135,7 +138,7 @@ def read_frame(document: Entry, frame: Entry) -> Frame:
         image_path=folder / file_path,
         mask_path=None if mask_path is None else folder / mask_path.text(),
         camera=read_camera(document, frame),
-        X_WC=read_pose(frame["transform_matrix"]),
+        X_WC=read_pose(frame["transform_matrix"], farthest),
     )
 
 
@@ -178,16 +181,16 @@ def require_last_row(entry: Entry, matrix: np.ndarray) -> None:
         raise entry.refusal("a matrix whose last row is 0, 0, 0, 1", f"last row {matrix[3].tolist()}")
 
 
-def read_pose(entry: Entry) -> Pose:
+def read_pose(entry: Entry, farthest: float = FARTHEST) -> Pose:
     """Return a camera's pose in OpenCV axes from a 4 x 4 matrix [m] in OpenGL axes; errors as `opencv_pose`."""
-    return opencv_pose(entry, entry.numbers(4, 4))
+    return opencv_pose(entry, entry.numbers(4, 4), farthest)
 
 
-def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
+def opencv_pose(entry: Entry, matrix: np.ndarray, farthest: float = FARTHEST) -> Pose:
     """Return a camera's pose in OpenCV axes from the finite matrix (4, 4) [m] of an entry, in OpenGL axes.
 
     Raises:
-        InputError: It is not a rigid transform, or is a kilometre away.
+        InputError: It is not a rigid transform, or farther away than `farthest` [m].
     """
     rotation = matrix[:3, :3]
     require_last_row(entry, matrix)
@@ -198,7 +201,7 @@ def opencv_pose(entry: Entry, matrix: np.ndarray) -> Pose:
         raise entry.refusal(allowed, f"a matrix with axes {error:.2g} off")
     if np.linalg.det(rotation) < 0:
         raise entry.refusal("a rotation with determinant +1", "a reflection, determinant -1")
-    if np.abs(matrix[:3, 3]).max() > FARTHEST:
-        raise entry.refusal(f"a camera within {FARTHEST:g} m of the origin", f"position {matrix[:3, 3].tolist()}")
+    if np.abs(matrix[:3, 3]).max() > farthest:
+        raise entry.refusal(f"a camera within {farthest:g} m of the origin", f"position {matrix[:3, 3].tolist()}")
     R_WC = rotation @ np.diag([1.0, -1.0, -1.0])
     return Pose(matrix_to_quaternion(torch.from_numpy(R_WC)), torch.from_numpy(matrix[:3, 3].copy()))

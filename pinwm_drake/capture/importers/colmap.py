@@ -85,11 +85,12 @@ def import_colmap(
         masks = beside
     posed = [_posed(image, folder, masks) for image in read_model(model)]
     _require_different(posed)
-    tell_unposed(folder, [image.path for image in posed])
+    tell_unposed(folder.parent, [image.path for image in posed])
     _tell_others(model)
     with appearing(out) as capture:
-        write_scenery(capture, scenery, scenery.X_WO or identity())
-        write_static(capture, posed, similarity, report)
+        X_WO = scenery.X_WO or identity()
+        write_scenery(capture, scenery, X_WO)
+        write_static(capture, posed, similarity, scenery.mesh, X_WO, report)
     return len(posed)
 
 

@@ -22,6 +22,7 @@ from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.files import appearing
 from pinwm_drake.spatial.poses import identity
 
+_FARTHEST = 1e9  # units of a world that may not be in metres
 _FOCALS = ("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y")
 _OF_FILE = ("frames", "applied_transform", "applied_scale")
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG")
@@ -45,8 +46,9 @@ def import_nerfstudio(
     images = read_posed_images(source / TRANSFORMS if is_folder(source) else source)
     tell_unposed(source, [image.path for image in images])
     with appearing(out) as folder:
-        write_scenery(folder, scenery, scenery.X_WO or identity())
-        write_static(folder, images, similarity or scaled_world(), report)
+        X_WO = scenery.X_WO or identity()
+        write_scenery(folder, scenery, X_WO)
+        write_static(folder, images, similarity or scaled_world(), scenery.mesh, X_WO, report)
     return len(images)
 
 
@@ -81,7 +83,7 @@ def _read(document: Entry, entry: Entry) -> Frame:
     for key, value in (("fl_y", known.get("fl_x")), ("cx", 0.5 * size[0]), ("cy", 0.5 * size[1])):
         if key not in known and value is not None:
             known[key] = value
-    return read_frame(Entry(entry.path, "", {}), own)
+    return read_frame(Entry(entry.path, "", {}), own, _FARTHEST)
 
 
 def _image_name(entry: Entry) -> str:
