@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,8 @@ from pinwm_drake.capture.episode_tables import read_frame_table, read_object_pos
 from pinwm_drake.capture.images import read_image, require_size
 from pinwm_drake.capture.scene import EPISODES, Capture, load_capture
 from pinwm_drake.capture.static_views import find_mask
-from pinwm_drake.capture.transforms import read_camera, read_pose
+from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
+from pinwm_drake.capture.units import require_computable
 from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -110,6 +112,17 @@ def read_episode(capture: Capture, name: str) -> Episode:
     return Episode(**vars(own), trajectory=trajectory, object_poses=read_object_poses(folder), others=tuple(others))
 
 
+def tell_doubts(episode: Episode) -> Episode:
+    """Return an episode that is to be computed; a warning tells implausible times.
+
+    Raises:
+        InputError: The times are such that a computation would not end; the message proposes their unit.
+    """
+    for doubt in require_computable(episode.folder, episode.t, episode.trajectory):
+        warnings.warn(str(doubt), UserWarning, stacklevel=2)
+    return episode
+
+
 def read_episode_folder(folder: Path) -> tuple[Capture, Episode]:
     """Read an episode by its folder `.../episodes/<name>`, and the capture that it belongs to.
 
@@ -142,4 +155,5 @@ def read_episode_image(folder: Path, name: str, camera: Camera) -> tuple[np.ndar
 def read_fixed_camera(folder: Path) -> tuple[Camera, Pose]:
     """Camera and its pose X_WC (OpenCV axes) from `camera.json`; raises InputError as `read_episode` does."""
     document = read_json(folder / CAMERA_FILE)
+    require_known(document)
     return read_camera(document, document), read_pose(document["transform_matrix"])

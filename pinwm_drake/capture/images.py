@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from pinwm_drake.capture.background import ALPHA, cut_out, on_white
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -19,8 +20,8 @@ def read_image(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Read a picture of an object.
 
-    The object is where the mask is white; without a mask, where alpha is above 0; without alpha, wherever the
-    picture is not white (255, 255, 255).
+    The object is where the mask is white; without a mask, where alpha is 128 and above; without alpha, where the
+    picture is not white. See `background`.
 
     Args:
         path: Grey or colour, 8 bits a channel, with or without alpha.
@@ -33,19 +34,17 @@ def read_image(
 
     Raises:
         InputError: A file is missing, truncated or of another kind, the mask has another size, no pixel shows
-            the object, or nothing tells the object from its background.
+            the object, or nothing tells the object from its background for sure.
     """
     pixels = _read(path, "RGBA")
     if mask_path is not None:
-        mask = _read(mask_path, "L") >= 128
+        mask = _read_mask(mask_path)
         if mask.shape != pixels.shape[:2]:
             raise InputError(mask_path, value=size_of(mask), allowed=f"{size_of(pixels)}, the size of {path}")
         alpha = mask.astype(np.float32)
-    elif (opaque := pixels[..., 3].min() == 255) and pixels[..., :3].min(axis=-1).max() < 255:
-        allowed = "a white background, an alpha channel, or a mask in masks/"
-        raise InputError(path, value="no white pixel", allowed=allowed)
     else:
-        mask = pixels[..., :3].min(axis=-1) < 255 if opaque else pixels[..., 3] > 0
+        opaque = pixels[..., 3].min() == 255
+        mask = on_white(path, pixels[..., :3]) if opaque else cut_out(path, pixels[..., 3])
         alpha = pixels[..., 3].astype(np.float32) / np.float32(255)
     if not mask.any() and not may_be_empty:
         raise InputError(mask_path or path, value="no pixel of the object", allowed="an image that shows the object")
@@ -63,6 +62,14 @@ def read_size(path: Path) -> tuple[int, int]:
     """
     pixels = _read(path, "L")
     return pixels.shape[1], pixels.shape[0]
+
+
+def _read_mask(path: Path) -> np.ndarray:
+    grey = _read(path, "L")
+    if 0 < grey.max() < ALPHA:
+        allowed = f"0, and {ALPHA} to 255 on the object"
+        raise InputError(path, value=f"a mask whose largest value is {grey.max()}", allowed=allowed)
+    return grey >= ALPHA
 
 
 def _read(path: Path, mode: str) -> np.ndarray:

@@ -9,20 +9,21 @@ import torch
 import trimesh
 
 from pinwm_drake.capture.images import read_image, require_size
-from pinwm_drake.capture.paths import is_folder
+from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.views import View, project
 from pinwm_drake.spatial.poses import Pose, compose, identity, inverse
 
 TRANSFORMS = "transforms.json"
+PICTURES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff", ".gif")
 
 
 def read_views(path: Path, X_WO: Pose | None = None, *, mesh: trimesh.Trimesh | None = None) -> list[View]:
     """Read the posed images of a nerfstudio folder.
 
-    A folder `masks` beside `transforms.json` holds a mask for each image, with its name up to the suffix; the key
-    `mask_path` of a frame comes first.
+    A folder `masks` beside `transforms.json` holds a mask for each image, see `find_mask`; the key `mask_path` of a
+    frame comes first.
 
     Args:
         path: The folder, or its `transforms.json`.
@@ -63,19 +64,68 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def find_mask(folder: Path, image_path: Path) -> Path | None:
-    """Path of the mask of an image, with its name up to the suffix; None where `folder` has no folder `masks`.
+    """Path of the mask of an image; None where `folder` has no folder `masks` with a picture in it.
+
+    `masks` mirrors the folders below that of the images: the mask of `images/cam1/a.jpg` is in `masks/cam1`. There it
+    is the picture `a.jpg`, or else the only one of `a.png`, `a.jpg.png` and others with these beginnings.
 
     Raises:
-        InputError: There is such a folder, but the mask is not in it.
+        InputError: There is such a folder, but no mask of the image in it, or more than one may be it.
     """
     masks = folder / "masks"
     if not is_folder(masks):
         return None
-    found = sorted(masks.glob(f"{glob.escape(image_path.stem)}.*"))
+    parts = image_path.relative_to(folder).parts if image_path.is_relative_to(folder) else (image_path.name,)
+    below = () if ".." in parts else parts[1:-1]
+    return named_mask(masks, image_path, Path(*below), folder)
+
+
+def named_mask(masks: Path, image_path: Path, below: Path, images: Path) -> Path | None:
+    """Path of the mask of an image in a folder of masks, as `find_mask`.
+
+    Args:
+        masks: The folder of masks.
+        image_path: The image.
+        below: Folder of the mask, below `masks`.
+        images: The folder from which the image's name in a message counts.
+
+    Raises:
+        InputError: As for `find_mask`.
+    """
+    name, place = image_path.name, masks / below
+    found = [path for path in _pictures(place, image_path.stem) if path.stem in (image_path.stem, name)]
+    exact = [path for path in found if path.name == name]
+    whole = [path for path in found if path.stem == name]
+    if len(exact) == 1 and not whole:
+        return exact[0]
+    if len(found) > 1:
+        raise InputError(
+            found[0], value=f"{found[1].name} beside it", allowed=f"one mask of {_short(image_path, images)}"
+        )
     if not found:
+        if not any(is_picture(path) for path in masks.rglob("*")):
+            return None
         allowed = "a mask for each image, or no such folder"
-        raise InputError(masks, value=f"no mask {image_path.stem}.*", allowed=allowed)
+        raise InputError(masks, value=f"no mask {below / image_path.stem}.* of {name}", allowed=allowed)
+    twins = [path for path in _pictures(image_path.parent, image_path.stem) if path.stem == image_path.stem]
+    others = [path for path in twins if path.name != name]
+    if not whole and others:
+        allowed = f"masks {name}.png and {others[0].name}.png"
+        raise InputError(found[0], value=f"a mask of {name} or of {others[0].name}", allowed=allowed)
     return found[0]
+
+
+def is_picture(path: Path) -> bool:
+    """Flag: a file is a picture by its name, and not hidden."""
+    return path.suffix.lower() in PICTURES and not path.name.startswith(".") and is_file(path)
+
+
+def _pictures(folder: Path, beginning: str) -> list[Path]:
+    return sorted(path for path in folder.glob(f"{glob.escape(beginning)}.*") if is_picture(path))
+
+
+def _short(path: Path, folder: Path) -> Path:
+    return path.relative_to(folder) if path.is_relative_to(folder) else path
 
 
 def require_outside(frame: Frame, X_CO: Pose, mesh: trimesh.Trimesh) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_folder
+from pinwm_drake.capture.episodes import Episode, ObjectPoses, read_episode_folder, tell_doubts
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.experiments.progress import Progress, silent
@@ -134,6 +134,7 @@ def predict(
     """
     found = twin if isinstance(twin, Twin) else load_twin(twin)
     capture, push = read_episode_folder(Path(episode))
+    tell_doubts(push)
     number = identified_push(found, capture, push)
     progress("predicting", 0.0, "start of the object" if find_start else "motion")
     start = None

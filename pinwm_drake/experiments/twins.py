@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from pinwm_drake.capture.episodes import Episode, read_episode
+from pinwm_drake.capture.episodes import Episode, read_episode, tell_doubts
 from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.errors import InputError
@@ -117,12 +117,12 @@ def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list
         episodes: Names of the pushes; none for the first.
 
     Raises:
-        InputError: There is no push, or a file cannot be used.
+        InputError: There is no push, a file cannot be used, or its times cannot be seconds.
     """
     capture = load_capture(path)
     if not capture.episode_names:
         raise InputError(path, value="no folder in episodes/", allowed="a capture with one push or more")
-    return capture, [read_episode(capture, name) for name in episodes or capture.episode_names[:1]]
+    return capture, [tell_doubts(read_episode(capture, name)) for name in episodes or capture.episode_names[:1]]
 
 
 def has_surfels(folder: Path) -> bool:

@@ -122,7 +122,7 @@ def test_masks_are_found_by_either_name(scan, scenery, tmp_path, name):
     import_colmap(scan / "model", tmp_path / "out", scenery, IDENTITY, **folders)
     assert all(view.mask.sum() == 400 for view in read_static_views(tmp_path / "out"))
     (tmp_path / "masks" / name.format("004")).unlink()
-    with pytest.raises(InputError, match="the mask of 004"):
+    with pytest.raises(InputError, match="no mask 004"):
         import_colmap(scan / "model", tmp_path / "other", scenery, IDENTITY, **folders)
 
 
@@ -148,6 +148,13 @@ def test_distorted_cameras_are_refused_with_a_hint(scan, tmp_path, kind):
         ("images.txt", " 7 000.png", " 7", 2, "NAME"),
         ("images.txt", "10 ", "10 1", 2, "norm 1"),
         ("images.txt", "12 ", "12 1e400 ", 6, "got 1e400"),
+        ("images.txt", " 7 000.png", " 7.5 000.png", 2, "7.5"),
+        ("images.txt", "\n11 ", "\n10 ", 4, "image 10 again"),
+        ("images.txt", "001.png", "000.png", 4, "image 000.png again"),
+        ("images.txt", "1.5 2.5 -1 3.0 4.0 17", "1.5 2.5 -1 3.0 4.0", 3, "the points of 000.png"),
+        ("images.txt", "1.5 2.5 -1 3.0 4.0 17", "1.5 2.5 -1 3.0 4.0 17.5", 3, "the points of 000.png"),
+        ("images.txt", "1.5 2.5 -1 3.0 4.0 17\n", "", 3, "the points of 000.png"),
+        ("images.txt", "001.png\n\n", "001.png\n", 5, "the points of 001.png"),
     ],
 )
 def test_wrong_texts_are_refused_with_their_line(scan, tmp_path, file, old, new, row, part):
@@ -193,3 +200,90 @@ def test_models_and_images_have_to_be_there(scan, scenery, tmp_path):
     with pytest.raises(InputError, match=r"003\.png: no such file; allowed: the image that the model names"):
         import_colmap(scan, tmp_path / "out", scenery, IDENTITY)
     assert not (tmp_path / "out").exists()
+
+
+def text_of(scan, change):
+    """A text model whose lines of images are changed."""
+    folder = scan / "sparse/0"
+    write_text(folder, *model_of(scan))
+    lines = (folder / "images.txt").read_text().splitlines()
+    (folder / "images.txt").write_bytes(change(lines).encode())
+    return folder
+
+
+def test_empty_lines_comments_and_line_ends_lose_no_image(scan):
+    def change(lines):
+        head, *rest = lines
+        pairs = [(rest[k], rest[k + 1]) for k in range(0, len(rest), 2)]
+        text = [head, "", "# in the midst"]
+        for k, (image, points) in enumerate(pairs):
+            text += [image, *(["# a comment"] if k == 3 else []), points, *(["", "#", ""] if k % 3 == 0 else [])]
+        return "\r\n".join(text).rstrip()  # without the last line, which is empty
+
+    assert [image.path.name for image in read_model(text_of(scan, change))] == [f"{k:03}.png" for k in range(8)]
+
+
+def test_one_line_an_image_is_refused_with_its_row(scan):
+    folder = text_of(scan, lambda lines: "\n".join([lines[0], *lines[1::2]]))
+    with pytest.raises(InputError, match=r"row 3.*the points of 000\.png"):
+        read_model(folder)
+
+
+def test_a_count_that_differs_is_told(scan):
+    folder = text_of(
+        scan, lambda lines: "\n".join([*lines[:1], "# Number of images: 9, mean observations: 2", *lines[1:]])
+    )
+    with pytest.warns(UserWarning, match="row 2: 9 images announced, 8 found"):
+        assert len(read_model(folder)) == 8
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_names_with_spaces_and_folders_keep_their_masks(scan, scenery, tmp_path, kind):
+    cameras, images = model_of(scan)
+    names = [f"cam {k % 2}/a  {k // 2}.png" for k in range(8)]
+    for k, name in enumerate(names):
+        for folder in ("images", "masks"):
+            (scan / folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (scan / "images" / images[k][3]).rename(scan / "images" / name)
+        mask = np.zeros((48, 48), np.uint8)
+        mask[15 : 20 + k, 15:35] = 255
+        Image.fromarray(mask).save(scan / "masks" / f"{name}.png")
+    WRITERS[kind](scan / "sparse/0", cameras, [(*image[:3], name) for image, name in zip(images, names, strict=True)])
+    import_colmap(scan, tmp_path / "out", scenery, IDENTITY)
+    order = sorted(range(8), key=lambda k: names[k])
+    assert [int(view.mask.sum()) for view in read_static_views(tmp_path / "out")] == [20 * (5 + k) for k in order]
+
+
+@pytest.mark.parametrize("file", ["cameras.bin", "images.bin"])
+@pytest.mark.parametrize(("more", "part"), [(-1, "more bytes after"), (1, "ends after")])
+def test_binary_counts_have_to_match(scan, tmp_path, file, more, part):
+    write_binary(tmp_path / "model", *model_of(scan))
+    path = tmp_path / "model" / file
+    data = path.read_bytes()
+    path.write_bytes(struct.pack("<Q", struct.unpack_from("<Q", data)[0] + more) + data[8:])
+    with pytest.raises(InputError, match=part):
+        read_model(tmp_path / "model")
+
+
+@pytest.mark.parametrize("which", ["camera", "number", "name"])
+def test_binary_records_that_come_twice_are_refused(scan, tmp_path, which):
+    cameras, images = model_of(scan)
+    number, pose, camera, name = images[1]
+    images[1] = (10 if which == "number" else number, pose, camera, "000.png" if which == "name" else name)
+    write_binary(tmp_path / "model", cameras, images)
+    if which == "camera":
+        path = tmp_path / "model/cameras.bin"
+        path.write_bytes(path.read_bytes().replace(struct.pack("<i", 7), struct.pack("<i", 3), 1))
+    with pytest.raises(InputError, match=r"(camera 3|image 10|image 000\.png) again"):
+        read_model(tmp_path / "model")
+
+
+def test_images_and_models_that_are_left_out_are_told(scan, scenery, tmp_path):
+    cameras, images = model_of(scan)
+    write_binary(scan / "sparse/0", cameras, images[:6])
+    write_binary(scan / "sparse/1", cameras, images[6:])
+    with (
+        pytest.warns(UserWarning, match=r"006\.png and 1 more without a pose"),
+        pytest.warns(UserWarning, match="0 is imported, 1 left out"),
+    ):
+        import_colmap(scan, tmp_path / "out", scenery, IDENTITY)

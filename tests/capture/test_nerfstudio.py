@@ -174,3 +174,79 @@ def test_a_broken_mesh_is_refused(source, scenery, tmp_path):
     scenery.mesh.write_text("v 0 0 0")
     with pytest.raises(InputError, match=r"cube\.obj"):
         import_nerfstudio(source, tmp_path / "out", scenery)
+
+
+def angles(document, of):
+    """Angles in place of focal lengths, in the file or in each frame."""
+    for entry in document["frames"] if of == "frames" else [document]:
+        for focal, size, key in (("fl_x", "w", "camera_angle_x"), ("fl_y", "h", "camera_angle_y")):
+            entry[key] = 2 * math.atan(0.5 * document[size] / document[focal])
+    del document["fl_x"], document["fl_y"]
+
+
+@pytest.mark.parametrize("of", ["file", "frames"])
+def test_both_angles_are_obeyed(source, scenery, tmp_path, of):
+    change(source, lambda d: d.update(fl_y=0.97 * d["fl_x"]))
+    whole = read_views(source, X_WO())
+    change(source, lambda d: angles(d, of))
+    import_nerfstudio(source, tmp_path / "out", scenery)
+    same_views(read_static_views(tmp_path / "out"), whole)
+
+
+def test_an_angle_of_a_frame_comes_before_the_focal_length_of_the_file(source, scenery, tmp_path):
+    change(source, lambda d: d["frames"][1].update(fl_x=d["fl_x"] * 1.02))
+    whole = read_views(source, X_WO())
+    change(source, lambda d: d["frames"][1].update(camera_angle_x=2 * math.atan(24 / d["frames"][1].pop("fl_x"))))
+    import_nerfstudio(source, tmp_path / "out", scenery)
+    same_views(read_static_views(tmp_path / "out"), whole)
+
+
+@pytest.mark.parametrize(
+    ("edit", "part"),
+    [
+        (lambda d: d.update(camera_angle_y=0.7), "camera_angle_y = 0.7"),
+        (lambda d: d.update(is_fisheye=True), "is_fisheye"),
+        (lambda d: d["frames"][3].update(k6=0.1), "frames[3].k6"),
+        (lambda d: d["frames"][3].update(lens="wide"), "an unknown key 'lens' under frames[3]"),
+        (lambda d: [d.pop("fl_x"), d.update(camera_angle_x=25.0)], "are these degrees? 0.4363 rad"),
+        (lambda d: d["frames"][3].update(file_path="./images/002.png"), "frames[2] too"),
+        (lambda d: d["frames"][3].update(file_path="images/002"), "frames[2] too"),
+    ],
+)
+def test_what_is_not_obeyed_is_refused_by_name(source, scenery, tmp_path, edit, part):
+    change(source, edit)
+    with pytest.raises(InputError) as caught:
+        import_nerfstudio(source, tmp_path / "out", scenery)
+    assert part in str(caught.value)
+
+
+def test_an_image_without_suffix_that_may_be_two_is_refused(source, scenery, tmp_path):
+    Image.open(source / "images/002.png").convert("RGB").save(source / "images/002.jpg")
+    change(source, lambda d: d["frames"][2].update(file_path="images/002"))
+    with pytest.raises(InputError, match=r"one image: images/002\.png or images/002\.jpg"):
+        import_nerfstudio(source, tmp_path / "out", scenery)
+
+
+@pytest.mark.parametrize("millimetres", [1000.0, 5000.0])
+def test_a_scan_in_another_unit_is_told_with_its_scale(source, scenery, tmp_path, millimetres):
+    def scale(document):
+        for frame in document["frames"]:
+            for row in frame["transform_matrix"][:3]:
+                row[3] *= millimetres
+
+    expected = read_views(source, X_WO())
+    change(source, scale)
+    if millimetres == 1000.0:
+        with pytest.warns(UserWarning, match=r"millimetres\? divide by 1000 \(at import: --scale 0.001\)"):
+            import_nerfstudio(source, tmp_path / "far", scenery)
+    else:
+        with pytest.raises(InputError, match="within 1000 m; see --scale"):
+            import_nerfstudio(source, tmp_path / "far", scenery)
+    import_nerfstudio(source, tmp_path / "out", scenery, scaled_world(1 / millimetres))
+    same_views(read_static_views(tmp_path / "out"), expected)
+
+
+def test_images_without_a_pose_are_told(source, scenery, tmp_path):
+    change(source, lambda d: d["frames"].pop())
+    with pytest.warns(UserWarning, match=r"images/007\.png without a pose"):
+        assert import_nerfstudio(source, tmp_path / "out", scenery) == 7

@@ -58,7 +58,7 @@ def test_views_show_the_object_where_its_mesh_is(tmp_path, alpha):
         np.testing.assert_allclose(at, expected, atol=1e-9)
         np.testing.assert_allclose(depths, expected_depths, atol=1e-12)
         rows, columns = np.nonzero(view.mask.numpy())
-        # A pixel counts where any part of it is covered.
+        # A pixel counts where half of it is covered.
         assert columns.min() == pytest.approx(math.floor(at[:, 0].min()), abs=1)
         assert columns.max() == pytest.approx(math.floor(at[:, 0].max()), abs=1)
         assert rows.min() == pytest.approx(math.floor(at[:, 1].min()), abs=1)
@@ -73,9 +73,11 @@ def test_alpha_and_white_say_the_same(tmp_path):
     with_alpha = read_views(write_views(tmp_path / "a", count=2))
     on_white = read_views(write_views(tmp_path / "b", count=2, alpha=False))
     for one, other in zip(with_alpha, on_white, strict=True):
+        # A pixel of the outline that is about half covered may count in one and not in the other.
+        same = one.mask == other.mask
+        assert same.float().mean() > 0.998
         # One rounding to 8 bits.
-        np.testing.assert_allclose(one.image, other.image, atol=0.51 / 255)
-        assert (one.mask == other.mask).float().mean() > 0.999
+        np.testing.assert_allclose(one.image[same], other.image[same], atol=0.51 / 255)
 
 
 def test_a_bare_folder_and_its_file_are_read(tmp_path):
@@ -181,7 +183,7 @@ def truncate(path):
         (lambda c: save(c, np.zeros((48, 48, 4), np.uint8)), ["no pixel of the object"]),
         (lambda c: save(c, np.full((48, 48, 3), 255, np.uint8)), ["no pixel of the object"]),
         (lambda c: save(c, np.full((48, 48, 3), 90, np.uint8)), ["no white pixel", "masks/"]),
-        (lambda c: save(c, np.zeros((48, 40, 4), np.uint8) + 9), ["40 x 48 px"]),
+        (lambda c: save(c, np.full((48, 40, 4), 200, np.uint8)), ["40 x 48 px"]),
         (lambda c: save(c, np.zeros((48, 48), np.uint16)), ["mode I;16"]),
     ],
 )
@@ -263,3 +265,129 @@ def test_messages_repeat_no_more_than_the_start_of_a_value(capture):
     with pytest.raises(InputError) as caught:
         read_static_views(capture)
     assert len(re.findall("x+", str(caught.value))[-1]) < 100
+
+
+def write_masks(capture, *names, size=48):
+    """Writes masks with 10 rows of white more from one to the next."""
+    for k, name in enumerate(names):
+        path = capture / "static/masks" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        mask = np.zeros((size, size), np.uint8)
+        mask[18 : 20 + 4 * k, 10:40] = 255
+        Image.fromarray(mask).save(path)
+
+
+def rows(view):
+    return int(view.mask.any(dim=1).sum())
+
+
+def rename(capture, *names):
+    """Renames the images."""
+
+    def change(data):
+        for frame, name in zip(data["frames"], names, strict=True):
+            (capture / "static" / name).parent.mkdir(parents=True, exist_ok=True)
+            (capture / "static" / frame["file_path"]).rename(capture / "static" / name)
+            frame["file_path"] = name
+
+    edit(capture, change)
+
+
+def test_the_exact_name_of_a_mask_comes_first(capture):
+    rename(capture, "images/view.png", "images/view.2.png", "images/view.2.b.png")
+    write_masks(capture, "view.png", "view.2.png", "view.2.b.png")
+    assert [rows(view) for view in read_static_views(capture)] == [2, 6, 10]
+
+
+@pytest.mark.parametrize("names", [("a.jpg.png", "b.png", "c.png.png"), ("a.PNG", "b.png", "c.jpg")])
+def test_other_names_of_a_mask(capture, names):
+    rename(capture, "images/a.jpg", "images/b.png", "images/c.png")
+    write_masks(capture, *(name.replace("PNG", "png") for name in names))
+    for name in {name for name in names if name.endswith("PNG")}:
+        (capture / "static/masks" / name.replace("PNG", "png")).rename(capture / "static/masks" / name)
+    assert [rows(view) for view in read_static_views(capture)] == [2, 6, 10]
+
+
+def test_folders_of_masks_mirror_those_of_the_images(capture):
+    rename(capture, "images/cam1/a.png", "images/cam2/a.png", "images/cam2/deep/a.png")
+    write_masks(capture, "cam1/a.png", "cam2/a.png", "cam2/deep/a.png")
+    assert [rows(view) for view in read_static_views(capture)] == [2, 6, 10]
+    os.remove(capture / "static/masks/cam2/a.png")
+    write_masks(capture, "a.png")
+    refused(capture, "no mask cam2/a.*")
+
+
+def test_ambiguous_masks_are_refused_with_both_names(capture):
+    rename(capture, "images/a.jpg", "images/b.png", "images/c.png")
+    write_masks(capture, "a.png", "b.png", "c.png", "a.bmp")
+    refused(capture, "a.bmp", "a.png")
+    os.remove(capture / "static/masks/a.bmp")
+    write_masks(capture, "a.png", "b.png", "c.png", "b.png.png")
+    refused(capture, "b.png: ", "b.png.png beside it")
+    os.remove(capture / "static/masks/b.png.png")
+    rename(capture, "images/c.jpg", "images/b.png", "images/c.png")
+    os.remove(capture / "static/masks/a.png")
+    refused(capture, "c.png", "a mask of c.jpg or of c.png", "c.jpg.png")
+
+
+def test_only_pictures_are_masks(capture):
+    folder = capture / "static/masks"
+    folder.mkdir()
+    for name in ("000.txt", ".DS_Store", "Thumbs.db", "._000.png", "000.json"):
+        (folder / name).write_text("hello")
+    # Without a picture in it, the folder says nothing: alpha does.
+    expected = read_views(write_views(capture.with_name("other"), count=3))
+    assert all(torch.equal(a.mask, b.mask) for a, b in zip(read_static_views(capture), expected, strict=True))
+    write_masks(capture, "000.png", "001.png", "002.png")
+    assert [rows(view) for view in read_static_views(capture)] == [2, 6, 10]
+
+
+@pytest.mark.parametrize(
+    ("keys", "part"),
+    [
+        ({"is_fisheye": True}, "is_fisheye = true"),
+        ({"distortion_params": [0, 0, 0.1, 0, 0, 0]}, "distortion_params"),
+        ({"k5": 0.2}, "k5 = 0.2"),
+        ({"p2": -0.01}, "p2 = -0.01"),
+        ({"rolling_shutter": [0, 0, 0.1]}, "rolling_shutter"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "EQUIRECTANGULAR"),
+        ({"camera_angle_y": 0.9}, "camera_angle_y = 0.9"),
+        ({"camera_angle_x": 25.0}, "are these degrees? 0.4363 rad"),
+        ({"scale": 0.33}, "scale = 0.33"),
+        ({"offset": [0.5, 0.5, 0.5]}, "offset"),
+        ({"fov_vertical": 40.0}, "an unknown key 'fov_vertical'"),
+        ({"vignetting": {"a": 1}}, "an unknown key 'vignetting'"),
+    ],
+)
+@pytest.mark.parametrize("in_frame", [False, True])
+def test_keys_of_cameras_that_are_not_obeyed_are_refused_by_name(capture, keys, part, in_frame):
+    edit(capture, lambda d: (d["frames"][1] if in_frame else d).update(keys))
+    refused(capture, "transforms.json", part)
+
+
+def test_keys_that_change_nothing_are_read(capture):
+    expected = read_static_views(capture)
+    angle = math.radians(25.0)
+    keys = {
+        "is_fisheye": False,
+        "k1": 0.0,
+        "distortion_params": [0.0] * 6,
+        "aabb_scale": 16,
+        "scale": 1,
+        "offset": [0] * 3,
+    }
+    keys |= {"camera_angle_x": angle, "camera_angle_y": angle, "ply_file_path": "a.ply", "k2": None}
+    edit(capture, lambda d: [d.update(keys), d["frames"][0].update(sharpness=3.5, colmap_im_id=4)])
+    for one, other in zip(read_static_views(capture), expected, strict=True):
+        assert one.camera.intrinsics.tolist() == other.camera.intrinsics.tolist()
+
+
+def test_a_world_that_nerfstudio_has_moved_is_told(capture):
+    edit(capture, lambda d: d.update(applied_transform=np.eye(4)[:3].tolist()))
+    with pytest.warns(UserWarning, match="applied_transform is not undone"):
+        read_static_views(capture)
+
+
+def test_one_image_by_two_names_is_refused(capture):
+    edit(capture, lambda d: d["frames"][1].update(file_path="images/../images/000.png"))
+    refused(capture, "frames[1].file_path", "frames[0] too")

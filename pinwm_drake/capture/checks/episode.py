@@ -27,6 +27,7 @@ from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, View, pose_at, re
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
+from pinwm_drake.capture.units import time_doubts
 from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -53,6 +54,8 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
         frames = attempt(partial(read_frame_table, one, log_t, error), error)
         t = frames[1] if frames is not None and bool(np.isfinite(frames[1]).all()) else None
         seen = _check_view(one, scene, findings)
+        if one is folder:
+            findings.doubt(time_doubts(folder, t, log))
         if one is folder and log is not None:
             check_motion(folder, log, t, scene, findings)
         number += 0 if frames is None else len(frames[0])

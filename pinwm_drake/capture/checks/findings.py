@@ -32,6 +32,11 @@ class Findings:
         """Note a warning, once: what was found in a file or folder, and a better state of it, in words."""
         self._note("warning", InputError(path, row=row, value=found, allowed=expected))
 
+    def doubt(self, errors: list[InputError]) -> None:
+        """Note errors as warnings, each once."""
+        for error in errors:
+            self._note("warning", error)
+
     def _note(self, severity: Literal["error", "warning"], error: PinwmError) -> None:
         if str(error) not in self._seen:
             self._seen.add(str(error))

@@ -13,6 +13,7 @@ from pinwm_drake.capture.checks.findings import Findings
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.episode_tables import TRAJECTORY_FILE, PusherTrajectory
 from pinwm_drake.capture.static_views import winding_number
+from pinwm_drake.capture.units import position_doubts
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
@@ -43,6 +44,8 @@ def check_motion(
         findings.warn(path, "forces fx, fy, fz that never change", "measured forces, or no such columns")
     if scene.pusher is not None and scene.floor_height is not None:
         _check_floor(path, trajectory, scene.pusher, scene.floor_height, findings)
+    if scene.mesh is not None and scene.X_WO is not None:
+        findings.doubt(position_doubts(folder, trajectory, scene.mesh, scene.X_WO, scene.pusher))
     if scene.mesh is not None and scene.X_WO is not None and scene.pusher is not None:
         end = float(trajectory.t[-1] if frames_t is None else frames_t[-1])
         near = approach(scene.mesh, scene.X_WO, scene.pusher, trajectory, end)

@@ -4,7 +4,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
 from pinwm_drake.capture.checks.findings import Findings
@@ -22,13 +21,12 @@ from pinwm_drake.capture.scene import (
     object_mesh,
     pusher_geometry,
 )
+from pinwm_drake.capture.units import PUSHER_EXTENT, scene_doubts, size_doubts
 from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
-_GRAVITY = (9.75, 9.85)  # m/s^2; on the ground it is 9.76 to 9.83
-_LARGE = 1.0  # m; objects on a table are smaller
 _SUNK = 0.005  # m, between the object's lowest point and the floor
 
 
@@ -58,8 +56,10 @@ def check_scene(folder: Path, findings: Findings) -> Scene:
     pusher = _check_pusher(document, findings) if names else None
     floor_height = attempt(lambda: document["floor"].read(FloorDocument).height, ignore)
     gravity = attempt(lambda: document["gravity"].number(*GRAVITIES), ignore)
-    if gravity is not None and not _GRAVITY[0] <= gravity <= _GRAVITY[1]:
-        findings.warn(folder / CAPTURE_FILE, f"gravity = {gravity:g}", "9.8 m/s^2, on the ground")
+    mass = attempt(lambda: document["object"]["mass"].number(), ignore)
+    findings.doubt(
+        scene_doubts(folder / CAPTURE_FILE, mesh=mesh, X_WO=X_WO, floor_height=floor_height, gravity=gravity, mass=mass)
+    )
     if mesh is not None and X_WO is not None and floor_height is not None:
         _check_height(folder, mesh, X_WO, floor_height, findings)
     return Scene(folder, mesh, X_WO, pusher, floor_height, names)
@@ -70,9 +70,7 @@ def _check_mesh(folder: Path, document: Entry, findings: Findings) -> trimesh.Tr
     path = None if name is None else attempt(lambda: object_mesh(folder, name), findings.error)
     mesh = None if path is None else attempt(lambda: load_mesh(path), findings.error)
     if mesh is not None and path is not None:
-        extent = float(np.ptp(mesh.vertices, axis=0).max())
-        if extent > _LARGE:
-            findings.warn(path, f"an extent of {extent:.3g} m", "metres; is it in another unit?")
+        findings.doubt(size_doubts(path, mesh))
     return mesh
 
 
@@ -87,7 +85,11 @@ def _check_pusher(document: Entry, findings: Findings) -> trimesh.Trimesh | None
     path = geometry.mesh_path
     if path is not None and geometry.shape is not None:
         attempt(lambda: load_mesh(path), findings.error)
-    return attempt(lambda: pusher_surface(geometry), findings.error)
+    surface = attempt(lambda: pusher_surface(geometry), findings.error)
+    if surface is not None:
+        place = path if path is not None and geometry.shape is None else document.path
+        findings.doubt(size_doubts(place, surface, PUSHER_EXTENT))
+    return surface
 
 
 def _check_height(folder: Path, mesh: trimesh.Trimesh, X_WO: Pose, floor_height: float, findings: Findings) -> None:

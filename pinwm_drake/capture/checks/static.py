@@ -14,7 +14,8 @@ from pinwm_drake.capture.checks.pictures import check_area, check_camera, check_
 from pinwm_drake.capture.checks.scene import Scene
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.static_views import TRANSFORMS, read_frame_image, require_outside, require_seen
-from pinwm_drake.capture.transforms import Frame, read_frame, require_different
+from pinwm_drake.capture.transforms import Frame, read_frame, require_different, require_known
+from pinwm_drake.capture.units import Seen, scale_doubts, seen_size
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
@@ -36,21 +37,27 @@ def check_static(scene: Scene, findings: Findings, progress: Callable[[str], Non
     entries = None if document is None else attempt(lambda: document["frames"].items(), findings.error)
     if document is None or entries is None:
         return 0
+    attempt(lambda: require_known(document), findings.error)
     read = (attempt(partial(read_frame, document, entry), findings.error) for entry in entries)
     frames = [frame for frame in read if frame is not None]
     require_different(frames, findings.error)
     sharp: list[tuple[Path, float | None]] = []
+    seen: list[Seen] = []
     for frame in frames:
         progress(f"static/{frame.file_path}")
         check_camera(path, frame.camera, findings)
-        _check_view(frame, scene, findings, sharp)
+        _check_view(frame, scene, findings, sharp, seen)
+    if scene.mesh is not None and scene.X_WO is not None:
+        findings.doubt(scale_doubts(path, seen, scene.mesh, scene.X_WO))
     check_sharpness(path.parent, sharp, findings)
     if scene.mesh is not None and scene.X_WO is not None and len(frames) == len(entries):
         _check_surroundings(path, frames, scene.mesh, scene.X_WO, findings)
     return len(entries)
 
 
-def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]]) -> None:
+def _check_view(
+    frame: Frame, scene: Scene, findings: Findings, sharp: list[tuple[Path, float | None]], seen: list[Seen]
+) -> None:
     picture = attempt(lambda: read_frame_image(frame), findings.error)
     mesh, X_WO = scene.mesh, scene.X_WO
     if mesh is not None and X_WO is not None:
@@ -67,6 +74,7 @@ def _check_view(frame: Frame, scene: Scene, findings: Findings, sharp: list[tupl
                 findings.warn(frame.image_path, found, expected)
     if picture is not None:
         check_area(frame.image_path, picture[1], findings)
+        seen.append(Seen(frame.camera, frame.X_WC, seen_size(picture[1])))
         sharp.append((frame.image_path, sharpness(*picture)))
 
 

@@ -9,7 +9,9 @@ some truncated and damaged files without one, and takes 135 MB.
 """
 
 import math
+import re
 import struct
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +21,17 @@ import torch
 
 from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.similarity import Similarity
-from pinwm_drake.capture.importers.target import PosedImage, Report, Scenery, unheard, write_scenery, write_static
+from pinwm_drake.capture.importers.target import (
+    PosedImage,
+    Report,
+    Scenery,
+    tell_unposed,
+    unheard,
+    write_scenery,
+    write_static,
+)
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
+from pinwm_drake.capture.static_views import is_picture, named_mask
 from pinwm_drake.documents import read_bytes, read_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing
@@ -35,6 +46,9 @@ _MODELS = (
     *(("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12)),
 )
 _PINHOLES = dict(_MODELS[:2])
+_ANNOUNCED = re.compile(r"Number of images:\s*(\d{1,9})\b", re.ASCII)
+_WHOLE = re.compile(r"[-+]?\d{1,19}", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _UNIT_NORM = 1e-3
 _FARTHEST = 1e9
 
@@ -57,8 +71,8 @@ def import_colmap(
         scenery: The parts of the scene that the model does not have.
         similarity: Similarity from the model's world, whose origin, axes and unit are arbitrary, to the capture's.
         images: Folder of the images; None for `images` in `source` or beside the model.
-        masks: Folder of the masks, as `NAME.png` for an image `NAME`, or with its name up to the suffix; None
-            where the images have alpha or a white background.
+        masks: Folder of the masks, as `NAME.png` for an image `NAME`, or with its name up to the suffix; None for
+            `masks` beside the folder of the images, or where that is not there, for alpha or a white background.
         report: Called with the share of the images that are written.
 
     Raises:
@@ -66,10 +80,17 @@ def import_colmap(
     """
     model = _model_folder(source)
     folder = images or _image_folder(source, model)
+    beside = folder.parent / "masks"
+    if masks is None and is_folder(beside) and any(map(is_picture, beside.rglob("*"))):
+        masks = beside
     posed = [_posed(image, folder, masks) for image in read_model(model)]
+    _require_different(posed)
+    tell_unposed(folder.parent, [image.path for image in posed])
+    _tell_others(model)
     with appearing(out) as capture:
-        write_scenery(capture, scenery, scenery.X_WO or identity())
-        write_static(capture, posed, similarity, report)
+        X_WO = scenery.X_WO or identity()
+        write_scenery(capture, scenery, X_WO)
+        write_static(capture, posed, similarity, scenery.mesh, X_WO, report)
     return len(posed)
 
 
@@ -89,13 +110,32 @@ def _image_folder(source: Path, model: Path) -> Path:
 
 
 def _posed(image: PosedImage, images: Path, masks: Path | None) -> PosedImage:
-    path, mask = require_file(images / image.path, "the image that the model names"), None
-    if masks is not None:
-        names = [masks / f"{image.path}.png", (masks / image.path).with_suffix(".png")]
-        mask = next((name for name in names if is_file(name)), None)
-        if mask is None:
-            raise InputError(names[0], value="no such file", allowed=f"the mask of {image.path}")
+    path = require_file(images / image.path, "the image that the model names")
+    if masks is None:
+        return replace(image, path=path)
+    if not is_folder(masks):
+        raise InputError(masks, value="no such folder", allowed="a folder of masks")
+    mask = named_mask(masks, path, image.path.parent, images)
+    if mask is None:
+        raise InputError(masks / f"{image.path}.png", value="no such file", allowed=f"the mask of {image.path}")
     return replace(image, path=path, mask_path=mask)
+
+
+def _require_different(images: list[PosedImage]) -> None:
+    seen: dict[Path, Path] = {}
+    for image in images:
+        other = seen.setdefault(image.path.resolve(), image.path)
+        if other is not image.path:
+            raise InputError(image.path, value=f"the same file as {other}", allowed="each image once")
+
+
+def _tell_others(model: Path) -> None:
+    """Warns of further models, in which COLMAP puts images that it could not join to the first one."""
+    if model.name.isdecimal():
+        others = sorted(path.name for path in model.parent.iterdir() if path.name.isdecimal() and path != model)
+        if others:
+            found = f"{model.parent}: {model.name} is imported, {', '.join(others)} left out"
+            warnings.warn(found, UserWarning, stacklevel=2)
 
 
 def read_model(folder: Path) -> list[PosedImage]:
@@ -124,29 +164,69 @@ def _read_text_cameras(path: Path) -> dict[int, Camera]:
         cells = line.split()
         if not cells or cells[0].startswith("#"):
             continue
-        number, *values = _numbers(path, row, cells[:1] + cells[2:])
+        values = _numbers(path, row, cells[:1] + cells[2:])
         if len(cells) < 4:
             raise InputError(path, row=row, value=quote(line), allowed="CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
-        if int(number) in cameras:
-            raise InputError(path, row=row, value=f"camera {int(number)} again", allowed="each camera once")
-        cameras[int(number)] = _camera(path, row, cells[1], values)
+        number = _whole(path, row, cells[0])
+        _require_new(path, row, f"camera {number}", number in cameras)
+        cameras[number] = _camera(path, row, cells[1], values[1:])
     return cameras
 
 
 def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
-    images = []
+    records, announced = _Records(path), None
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"
     lines = iter(enumerate(read_text(path).splitlines(), start=1))
     for row, line in lines:
+        if line.lstrip().startswith("#"):
+            count = _ANNOUNCED.search(line)
+            announced = announced if count is None else (row, int(count[1]))
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         cells = line.split(maxsplit=9)
         if len(cells) < 10:
             raise InputError(path, row=row, value=quote(line), allowed=expected)
-        values = _numbers(path, row, cells[1:9])
-        images.append(_image(path, row, cells[9].strip(), int(values[7]), values[:7], cameras))
-        next(lines, None)  # its points, of which there may be none
-    return images
+        values = _numbers(path, row, cells[:9])
+        name = cells[9].strip()
+        number, camera = _whole(path, row, cells[0]), _whole(path, row, cells[8])
+        records.add(row, number, _image(path, row, name, camera, values[1:8], cameras))
+        points = next((pair for pair in lines if not pair[1].lstrip().startswith("#")), None)
+        if points is not None and not _are_points(points[1].split()):
+            allowed = f"the points of {name} (X Y POINT3D_ID ...), or an empty line where it has none"
+            raise InputError(path, row=points[0], value=quote(points[1]), allowed=allowed)
+    if announced is not None and announced[1] != len(records.images):
+        found = f"{path}, row {announced[0]}: {announced[1]} images announced, {len(records.images)} found"
+        warnings.warn(found, UserWarning, stacklevel=2)
+    return records.images
+
+
+def _are_points(cells: list[str]) -> bool:
+    """Flag: cells are the points of an image, X Y POINT3D_ID each, or none."""
+    return len(cells) % 3 == 0 and all(
+        _NUMBER.fullmatch(cell) and (k % 3 < 2 or _WHOLE.fullmatch(cell)) for k, cell in enumerate(cells)
+    )
+
+
+class _Records:
+    """Images of a model so far, each with a number and a name of its own."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.images = path, list[PosedImage]()
+        self._numbers: set[int] = set()
+        self._names: set[Path] = set()
+
+    def add(self, row: int, number: int, image: PosedImage) -> None:
+        """Add an image; raise InputError where its number or name is there already."""
+        _require_new(self.path, row, f"image {number}", number in self._numbers)
+        _require_new(self.path, row, f"image {quote(str(image.path))}", image.path in self._names)
+        self._numbers.add(number)
+        self._names.add(image.path)
+        self.images.append(image)
+
+
+def _require_new(path: Path, row: int, name: str, known: bool) -> None:
+    if known:
+        raise InputError(path, row=row, value=f"{name} again", allowed=f"each {name.split()[0]} once")
 
 
 class _Binary:
@@ -165,6 +245,13 @@ class _Binary:
         self.at += size
         return struct.unpack_from(f"<{code}", self.data, self.at - size)
 
+    def end(self, records: int) -> None:
+        """Require the file to end here, after a number of records; raise InputError otherwise."""
+        left = len(self.data) - self.at
+        if left:
+            found = f"{left} more bytes after the {records} records that the file announces"
+            raise InputError(self.path, value=found, allowed="as many records as it announces")
+
     def count(self, row: int | None = None) -> int:
         """Return the number of the records that follow; no more than there are bytes."""
         return min(int(self.take("Q", row)[0]), len(self.data) + 1)
@@ -177,20 +264,29 @@ def _read_binary_cameras(path: Path) -> dict[int, Camera]:
         if not 0 <= model < len(_MODELS):
             raise InputError(path, row=row, value=f"camera model {model}", allowed="PINHOLE or SIMPLE_PINHOLE")
         name, count = _MODELS[model]
+        _require_new(path, row, f"camera {number}", number in cameras)
         cameras[number] = _camera(path, row, name, [width, height, *data.take(f"{count}d", row)])
+    data.end(len(cameras))
     return cameras
 
 
 def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
-    data, images = _Binary(path), []
+    data, records = _Binary(path), _Records(path)
     for row in range(1, data.count() + 1):
-        _, *values, camera = data.take("i7di", row)
+        number, *values, camera = data.take("i7di", row)
         end = data.data.find(b"\0", data.at)
         length = (len(data.data) if end < 0 else end) - data.at
         name = data.take(f"{length}sx", row)[0].decode("utf-8", errors="backslashreplace")
         data.take(f"{24 * data.count(row)}x", row)  # its points
-        images.append(_image(path, row, name, camera, values, cameras))
-    return images
+        records.add(row, number, _image(path, row, name, camera, values, cameras))
+    data.end(len(records.images))
+    return records.images
+
+
+def _whole(path: Path, row: int, cell: str) -> int:
+    if not _WHOLE.fullmatch(cell):
+        raise InputError(path, row=row, value=quote(cell), allowed="a whole number")
+    return int(cell)
 
 
 def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:

@@ -14,6 +14,7 @@ Source: Li et al., "PIN-WM" (2025); the layout is that of their released loader 
 """
 
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,14 +25,16 @@ from pinwm_drake.capture.episode_tables import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.images import read_image, read_size, require_size
 from pinwm_drake.capture.importers.nerfstudio import read_posed_images
 from pinwm_drake.capture.importers.similarity import scaled_world
-from pinwm_drake.capture.importers.target import Report, Scenery, copy_file, unheard, write_scenery, write_static
+from pinwm_drake.capture.importers.target import Report, Scenery, copy_file, tell, unheard, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.capture.transforms import opencv_pose
+from pinwm_drake.capture.units import position_doubts, time_doubts
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 
@@ -89,11 +92,17 @@ def import_pinwm(
     views = read_posed_images(static or _static_file(source))
     pushes = [_read_push(path, pusher_height, camera) for path in files]
     with appearing(out) as folder:
-        write_scenery(folder, scenery, scenery.X_WO or _first_pose(files[0], pushes[0]))
+        X_WO = scenery.X_WO or _first_pose(files[0], pushes[0])
+        write_scenery(folder, scenery, X_WO)
         number = len(views) + sum(len(push.images) for push in pushes)
-        write_static(folder, views, scaled_world(), lambda share: report(share * len(views) / number))
+        write_static(
+            folder, views, scaled_world(), scenery.mesh, X_WO, lambda share: report(share * len(views) / number)
+        )
         done = len(views)
+        mesh = load_mesh(scenery.mesh)
         for k, push in enumerate(pushes):
+            tell(time_doubts(folder / EPISODES / f"{k:04}", np.array(push.frames) / RATE, push.trajectory))
+            tell(position_doubts(folder / EPISODES / f"{k:04}", push.trajectory, mesh, X_WO, None))
             _write_push(folder / EPISODES / f"{k:04}", push)
             done += len(push.images)
             report(done / number)
@@ -183,6 +192,8 @@ def _chosen(images: Entry, camera: int | None) -> dict[int, Entry]:
     if not cameras:
         raise images.refusal("an image of frame 0 or later", "none")
     number = min(cameras) if camera is None else camera
+    if len(cameras) > 1 and camera is None:
+        warnings.warn(f"{images.path}: cameras {sorted(cameras)}, of which {number} is imported", stacklevel=2)
     if number not in cameras:
         raise images.refusal(f"one of the cameras {sorted(cameras)}", f"no image of camera {number}")
     return cameras[number]

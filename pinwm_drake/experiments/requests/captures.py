@@ -103,7 +103,7 @@ class ColmapRequest:
     scenery: Annotated[SceneryOptions, FLATTEN]
     images: Annotated[Path | None, option("Folder of the images.", default="SRC/images", group=DATA)] = None
     masks: Annotated[
-        Path | None, option("Folder of masks NAME.png.", group=DATA, default="alpha or white background")
+        Path | None, option("Folder of masks NAME.png.", group=DATA, default="SRC/masks, alpha, or white background")
     ] = None
     world: Annotated[WorldOptions, FLATTEN] = dataclasses.field(default_factory=WorldOptions)
 
