@@ -12,13 +12,13 @@ import torch
 import trimesh
 from torch import Tensor
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays, write_arrays
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.rendering.fit_state import CAMERA, FitState
+from pinwm_drake.rendering.fit_state import CAMERA, SURFEL, FitState
 from pinwm_drake.rendering.initial import initial_surfels
 from pinwm_drake.rendering.losses import SsimTarget, distortion_loss, normal_consistency, photometric
 from pinwm_drake.rendering.render import Rendering, render
@@ -33,6 +33,8 @@ CHECKPOINT_FILE = "checkpoint.npz"
 _VERSION = 1
 # These may change between a fit and its continuation.
 _FREE = ("checkpoint_every",)
+_ROWS: tuple[str, tuple[int | None, ...]] = ("f", (None, 3))
+_TESTS: tuple[str, tuple[int | None, ...]] = ("f", (None, 2))
 
 Progress = Callable[[int, int, float, float | None, int], None]
 Now = Callable[[], tuple[Surfels, tuple[float, float]]]
@@ -131,6 +133,15 @@ def fit(
         )
 
 
+def size_weights(views: Sequence[View]) -> list[float]:
+    """Weights of views in the loss: 1, and less for images of fewer pixels, by the square of their focal lengths.
+
+    The loss is a mean over an image's pixels. A small image has fewer of them, and each hides what a large one shows.
+    """
+    lengths = [float(view.camera.intrinsics[:2].double().prod().sqrt()) for view in views]
+    return [(length / max(lengths)) ** 2 for length in lengths]
+
+
 def psnr(mean_square: float) -> float:
     """Peak signal-to-noise ratio in dB of images with a mean squared difference; 100 for equal ones."""
     return min(-10.0 * float(np.log10(mean_square)), _MOST_PSNR) if mean_square > 0.0 else _MOST_PSNR
@@ -152,14 +163,16 @@ def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions,
 class _Target:
     """The box around the object in a view, at one size, and what the loss needs of it."""
 
-    def __init__(self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int) -> None:
+    def __init__(
+        self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int, weight: float
+    ) -> None:
         box = view.object_box(corners, margin)
         self.view = view.cropped(*box)
         # Outside its box an image is taken to be met exactly, which matters for the PSNR on the way only.
         self.share = box[2] * box[3] / (view.camera.width * view.camera.height)
         if factor < 1.0:
             self.view = self.view.scaled(factor)
-        self.factor, self.camera = factor, view.camera
+        self.factor, self.camera, self.weight = factor, view.camera, weight
         self.R_CO = quaternion_to_matrix(view.X_CO.q).float()
         self.p_CO = view.X_CO.p.float()
         self.ssim = SsimTarget(self.view.image, num_threads)
@@ -183,8 +196,9 @@ class _Fit:
         corners = self.corners = torch.from_numpy(np.array(mesh.vertices))
         self.radius = half_diagonal(mesh)
         margin = options.margin
+        weighted = list(zip(train, size_weights(train), strict=True))
         self.targets = {
-            factor: [_Target(view, corners, margin, factor, threads) for view in train]
+            factor: [_Target(view, corners, margin, factor, threads, weight) for view, weight in weighted]
             for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))
         }
         middles = [view.project(corners)[1].mean() / view.camera.intrinsics[0] for view in train]
@@ -245,7 +259,7 @@ class _Fit:
             spread = distortion_loss(rendering, self.radius) if options.distortion > 0.0 else 0.0
             bent = normal_consistency(rendering, camera) if options.normal > 0.0 else 0.0
             total = loss + options.geometry_every * (options.distortion * spread + options.normal * bent)
-        total.backward()
+        (target.weight * total).backward()
         self._watch(target, camera)
         if options.silhouette > 0.0 and iteration % options.silhouette_every == 0:
             (options.silhouette * self._outline_loss(iteration, target, state.surfels(0))).backward()
@@ -314,12 +328,33 @@ class _Fit:
         }
 
     def _restore(self, arrays: dict[str, np.ndarray] | None) -> None:
-        if arrays is None:
+        if arrays is None or self.folder is None:
             return
+        self._check(self.folder / CHECKPOINT_FILE, arrays)
         self.state.restore({name: torch.from_numpy(value) for name, value in arrays.items()})
         self.iteration, self.seconds = int(arrays["iteration"]), float(arrays["seconds"])
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
         self.tests = [tuple(row) for row in arrays["tests"].tolist()]
+
+    def _check(self, path: Path, arrays: dict[str, np.ndarray]) -> None:
+        """Raise InputError where arrays of a checkpoint do not fit the options, or each other."""
+        options, N = self.options, len(np.atleast_1d(arrays["tensor.p_OS"]))
+        per_surfel = {f"{kind}.{name}" for kind in ("tensor", "first", "second") for name in SURFEL}
+        wanted: dict[str, tuple[str, tuple[int | None, ...]]] = {}
+        for name, value in self._arrays().items():
+            each = name in per_surfel or name in ("screen", "counts")
+            wanted[name] = ("f", (N, *value.shape[1:]) if each else tuple(value.shape))
+        check_arrays(path, arrays, wanted | {"iteration": ("i", ())} | {"rows": _ROWS, "tests": _TESTS}, "fit")
+        iteration, rows = int(arrays["iteration"]), arrays["rows"]
+        every, seen = options.evaluate_every, arrays["tests"][:, 0].tolist() if self.test else []
+        measured = [k for k in range(1, iteration + 1) if (every and k % every == 0) or k == options.iterations]
+        if not 1 <= iteration <= options.iterations or len(rows) != iteration or (self.test and seen != measured):
+            found = f"iteration {iteration} with {len(rows)} rows, {len(seen)} tests"
+            raise InputError(path, value=found, allowed=f"1 to {options.iterations}, with a row for each")
+        least = min(float(arrays[f"second.{name}"].min(initial=0.0)) for name in (*SURFEL, CAMERA))
+        if not 1 <= N <= options.max_surfels or rows[-1, 2] != N or least < 0.0:
+            found = f"{N} surfels, where its last row has {rows[-1, 2]:g}"
+            raise InputError(path, value=found, allowed=f"one number of surfels, 1 to {options.max_surfels}")
 
     def _now(self) -> tuple[Surfels, tuple[float, float]]:
         """Surfels of this moment, with harmonics of the final degree, and the camera's offset [px]."""
