@@ -19,7 +19,20 @@ YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-    """Plain YAML data; numbers such as 1e-3 are numbers."""
+    """Plain YAML data of limited depth; numbers such as 1e-3 are numbers."""
+
+    def fetch_flow_collection_start(self, kind: Any) -> None:
+        """Begin a list or mapping in brackets; PyYAML looks at all that are open for each token."""
+        if self.flow_level > DEEPEST:
+            raise RecursionError
+        super().fetch_flow_collection_start(kind)
+
+    def add_indent(self, column: int) -> bool:
+        """Begin a list or mapping by its indentation."""
+        if len(self.indents) > 2 * DEEPEST:
+            raise RecursionError
+        deeper: bool = super().add_indent(column)
+        return deeper
 
 
 _Loader.add_implicit_resolver(*YAML_FLOAT)

@@ -3,6 +3,7 @@
 
 import hashlib
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -40,6 +41,8 @@ Progress = Callable[[int, int, float, float | None, int], None]
 Now = Callable[[], tuple[Surfels, tuple[float, float]]]
 """Function that gives the surfels of this moment, and the offset of the principal point [px]."""
 
+# Share of the largest focal length from which on images count as those of one size.
+_ALIKE = 0.8
 # An image that is met exactly has no PSNR; this one stands for it, dB.
 _MOST_PSNR = 100.0
 
@@ -139,6 +142,12 @@ def size_weights(views: Sequence[View]) -> list[float]:
     The loss is a mean over an image's pixels. A small image has fewer of them, and each hides what a large one shows.
     """
     lengths = [float(view.camera.intrinsics[:2].double().prod().sqrt()) for view in views]
+    if min(lengths) < _ALIKE * max(lengths):
+        warnings.warn(
+            f"images of focal lengths {min(lengths):.0f} to {max(lengths):.0f} px: the small ones count less, "
+            "and show less; use images of one size",
+            stacklevel=2,
+        )
     return [(length / max(lengths)) ** 2 for length in lengths]
 
 

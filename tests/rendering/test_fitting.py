@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.checkpoints import load_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError, RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fit_state import SURFEL, FitState
-from pinwm_drake.rendering.fitting import fit, psnr
+from pinwm_drake.rendering.fitting import fit, psnr, size_weights
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View
@@ -392,3 +393,38 @@ def test_views_are_checked_and_cut(views):
 def test_a_box_around_a_point_behind_the_camera_is_the_whole_image(views):
     behind = torch.tensor([[0.0, 0.0, 0.0], [9.0, 3.0, 9.0]], dtype=torch.float64)
     assert views[0].object_box(behind, 0) == (0, 0, 48, 48)
+
+
+def test_small_images_count_by_their_pixels(mesh):
+    views = views_around(mesh, 3)
+    assert size_weights(views) == [1.0, 1.0, 1.0]
+    views[1] = views[1].scaled(0.5)
+    with pytest.warns(UserWarning, match="focal lengths 38 to 77 px: the small ones count less"):
+        assert size_weights(views) == pytest.approx([1.0, 0.25, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda arrays: cut(arrays, 3), "3 surfels, where its last row has"),
+        (lambda arrays: arrays | {"tensor.p_OS": arrays["tensor.p_OS"][:, :2]}, "tensor.p_OS of float32"),
+        (lambda arrays: arrays | {"first.log_scale": arrays["first.log_scale"] * np.nan}, "not finite"),
+        (lambda arrays: arrays | {"iteration": np.array(41)}, "iteration 41 with 15 rows"),
+        (lambda arrays: arrays | {"iteration": np.array(14)}, "iteration 14 with 15 rows"),
+        (lambda arrays: arrays | {"rows": arrays["rows"][:-1]}, "with 14 rows"),
+        (lambda arrays: arrays | {"second.camera": -arrays["second.camera"] - 1.0}, "surfels"),
+    ],
+)
+def test_a_checkpoint_whose_contents_do_not_fit_is_refused(mesh, views, tmp_path, change, words):
+    fit(views, mesh, replace(SMALL, iterations=15), folder=tmp_path)
+    arrays, about = load_arrays(tmp_path / "checkpoint.npz", "a checkpoint")
+    about |= {"iterations": SMALL.iterations}
+    write_arrays(tmp_path / "checkpoint.npz", about, change(arrays))
+    with pytest.raises(InputError, match=words):
+        fit(views, mesh, SMALL, folder=tmp_path, resume=True)
+
+
+def cut(arrays, number):
+    """The arrays of the first surfels alone."""
+    count = len(arrays["tensor.p_OS"])
+    return {name: one[:number] if one.shape[:1] == (count,) else one for name, one in arrays.items()}
