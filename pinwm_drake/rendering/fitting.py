@@ -3,7 +3,6 @@
 
 import hashlib
 import time
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -41,8 +40,7 @@ Progress = Callable[[int, int, float, float | None, int], None]
 Now = Callable[[], tuple[Surfels, tuple[float, float]]]
 """Function that gives the surfels of this moment, and the offset of the principal point [px]."""
 
-# Share of the largest focal length from which on images count as those of one size.
-_ALIKE = 0.8
+_MOST_FINER = 8  # times, a side, that a small image is rendered finer
 # An image that is met exactly has no PSNR; this one stands for it, dB.
 _MOST_PSNR = 100.0
 
@@ -136,19 +134,22 @@ def fit(
         )
 
 
-def size_weights(views: Sequence[View]) -> list[float]:
-    """Weights of views in the loss: 1, and less for images of fewer pixels, by the square of their focal lengths.
+def finer_by(views: Sequence[View]) -> dict[str, int]:
+    """How many times finer the views of a fit are rendered, a side, by their names: 1, and more for small images.
 
-    The loss is a mean over an image's pixels. A small image has fewer of them, and each hides what a large one shows.
+    A pixel of a small image is the mean of what it covers, which several pixels of a large one show. A rendering has
+    one ray in each pixel: at the size of the small image it would spoil detail that large images show.
     """
-    lengths = [float(view.camera.intrinsics[:2].double().prod().sqrt()) for view in views]
-    if min(lengths) < _ALIKE * max(lengths):
-        warnings.warn(
-            f"images of focal lengths {min(lengths):.0f} to {max(lengths):.0f} px: the small ones count less, "
-            "and show less; use images of one size",
-            stacklevel=2,
-        )
-    return [(length / max(lengths)) ** 2 for length in lengths]
+    lengths = {view.name: float(view.camera.intrinsics[:2].double().prod().sqrt()) for view in views}
+    return {name: min(round(max(lengths.values()) / length), _MOST_FINER) for name, length in lengths.items()}
+
+
+def pooled(color: Tensor, finer: int) -> Tensor:
+    """Means (H, W, 3) of the squares of `finer` x `finer` pixels of an image (finer H, finer W, 3)."""
+    if finer == 1:
+        return color
+    H, W = color.shape[0] // finer, color.shape[1] // finer
+    return color.reshape(H, finer, W, finer, 3).mean((1, 3))
 
 
 def psnr(mean_square: float) -> float:
@@ -172,16 +173,14 @@ def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions,
 class _Target:
     """The box around the object in a view, at one size, and what the loss needs of it."""
 
-    def __init__(
-        self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int, weight: float
-    ) -> None:
+    def __init__(self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int, finer: int) -> None:
         box = view.object_box(corners, margin)
         self.view = view.cropped(*box)
         # Outside its box an image is taken to be met exactly, which matters for the PSNR on the way only.
         self.share = box[2] * box[3] / (view.camera.width * view.camera.height)
         if factor < 1.0:
             self.view = self.view.scaled(factor)
-        self.factor, self.camera, self.weight = factor, view.camera, weight
+        self.factor, self.camera, self.finer = factor, view.camera, finer
         self.R_CO = quaternion_to_matrix(view.X_CO.q).float()
         self.p_CO = view.X_CO.p.float()
         self.ssim = SsimTarget(self.view.image, num_threads)
@@ -205,9 +204,9 @@ class _Fit:
         corners = self.corners = torch.from_numpy(np.array(mesh.vertices))
         self.radius = half_diagonal(mesh)
         margin = options.margin
-        weighted = list(zip(train, size_weights(train), strict=True))
+        self.finer = finer_by(train + test)
         self.targets = {
-            factor: [_Target(view, corners, margin, factor, threads, weight) for view, weight in weighted]
+            factor: [_Target(view, corners, margin, factor, threads, self.finer[view.name]) for view in train]
             for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))
         }
         middles = [view.project(corners)[1].mean() / view.camera.intrinsics[0] for view in train]
@@ -261,20 +260,22 @@ class _Fit:
         surfels = state.surfels(options.degree(iteration))
         full = iteration % options.geometry_every == 0 and (options.distortion > 0.0 or options.normal > 0.0)
         camera = self._shifted(target.view.camera, target.factor)
-        rendering = self._render(surfels, camera, target.view, full)
-        loss = photometric(rendering.color[0], target.ssim, kind=options.photometric, dssim=options.dssim)
+        finer = camera.scaled(target.finer)
+        rendering = self._render(surfels, finer, target.view, full)
+        color = pooled(rendering.color[0], target.finer)
+        loss = photometric(color, target.ssim, kind=options.photometric, dssim=options.dssim)
         total = loss
         if full:
             spread = distortion_loss(rendering, self.radius) if options.distortion > 0.0 else 0.0
-            bent = normal_consistency(rendering, camera) if options.normal > 0.0 else 0.0
+            bent = normal_consistency(rendering, finer) if options.normal > 0.0 else 0.0
             total = loss + options.geometry_every * (options.distortion * spread + options.normal * bent)
-        (target.weight * total).backward()
+        total.backward()
         self._watch(target, camera)
         if options.silhouette > 0.0 and iteration % options.silhouette_every == 0:
             (options.silhouette * self._outline_loss(iteration, target, state.surfels(0))).backward()
         state.step(options.rate(iteration))
         with torch.no_grad():
-            square = float((rendering.color[0] - target.view.image).square().mean())
+            square = float((color - target.view.image).square().mean())
         return float(loss.detach()), psnr(square * target.share)
 
     def _target(self, iteration: int) -> "_Target":
@@ -324,7 +325,9 @@ class _Fit:
         surfels = self.state.surfels(self.options.degree(max(self.iteration - 1, 0)))
         found = {}
         for view in views:
-            color = self._render(surfels, self._shifted(view.camera), view, False).color[0]
+            finer = self.finer[view.name]
+            camera = self._shifted(view.camera).scaled(finer)
+            color = pooled(self._render(surfels, camera, view, False).color[0], finer)
             found[view.name] = psnr(float((color - view.image).square().mean(dtype=torch.float64)))
         return found
 

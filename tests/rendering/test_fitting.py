@@ -17,7 +17,7 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fit_state import SURFEL, FitState
-from pinwm_drake.rendering.fitting import fit, psnr, size_weights
+from pinwm_drake.rendering.fitting import finer_by, fit, pooled, psnr
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View
@@ -395,12 +395,26 @@ def test_a_box_around_a_point_behind_the_camera_is_the_whole_image(views):
     assert views[0].object_box(behind, 0) == (0, 0, 48, 48)
 
 
-def test_small_images_count_by_their_pixels(mesh):
+def test_small_images_are_rendered_finer_and_averaged(mesh):
     views = views_around(mesh, 3)
-    assert size_weights(views) == [1.0, 1.0, 1.0]
+    assert set(finer_by(views).values()) == {1}
     views[1] = views[1].scaled(0.5)
-    with pytest.warns(UserWarning, match="focal lengths 38 to 77 px: the small ones count less"):
-        assert size_weights(views) == pytest.approx([1.0, 0.25, 1.0])
+    assert list(finer_by(views).values()) == [1, 2, 1]
+    color = torch.arange(4 * 6 * 3, dtype=torch.float32).reshape(4, 6, 3)
+    assert torch.equal(pooled(color, 1), color)
+    torch.testing.assert_close(pooled(color, 2)[1, 2], color[2:4, 4:6].mean((0, 1)))
+
+
+def test_the_psnr_of_a_small_view_is_that_of_means_of_pixels(mesh):
+    views = views_around(mesh, 3)
+    views[1] = small = views[1].scaled(0.5)
+    found = fit(views, mesh, replace(SMALL, iterations=6, held_out=0))
+    camera = small.camera.shifted(found.camera_offset).scaled(2)
+    with torch.no_grad():
+        color = render(found.surfels, camera, small.X_CO, full=False).color[0]
+    rows = torch.nn.functional.avg_pool2d(color.permute(2, 0, 1)[None], 2)[0].permute(1, 2, 0)
+    square = float((rows - small.image).square().mean(dtype=torch.float64))
+    assert found.psnr_train[small.name] == pytest.approx(psnr(square), abs=1e-4)
 
 
 @pytest.mark.parametrize(
