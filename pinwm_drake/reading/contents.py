@@ -71,9 +71,11 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """
     with opened(path, most) as file:
         try:
-            content = file.read(most + 1)  # files of /proc tell no size
+            content: bytes | None = file.read(most + 1)  # files of /proc tell no size
         except OSError as error:
             raise InputError(path, value=error.strerror, allowed=_CAN_BE_READ) from error
+    if content is None:  # nothing to be had without waiting, as from /proc/kmsg
+        raise _no_file(path)
     if len(content) > most:
         raise _too_large(path, len(content), most)
     return content

@@ -3,6 +3,7 @@
 
 import hashlib
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -205,6 +206,10 @@ class _Fit:
         self.radius = half_diagonal(mesh)
         margin = options.margin
         self.finer = finer_by(train + test)
+        if small := sum(finer > 1 for finer in self.finer.values()):
+            total = len(self.finer)
+            words = f"{small} of {total} images are small, which costs quality; use images of one size"
+            warnings.warn(words, stacklevel=2)
         self.targets = {
             factor: [_Target(view, corners, margin, factor, threads, self.finer[view.name]) for view in train]
             for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))

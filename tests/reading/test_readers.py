@@ -33,7 +33,7 @@ def refused(call, *arguments, **options):
     return message
 
 
-@pytest.mark.parametrize("kind", ["fifo", "folder", "device", "socket name"])
+@pytest.mark.parametrize("kind", ["fifo", "folder", "device", "no file"])
 def test_only_regular_files_are_read(tmp_path, kind):
     path = tmp_path / "input"
     if kind == "fifo":
