@@ -12,11 +12,11 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.errors import GeometryError, InputError, PinwmError
-from pinwm_drake.geometry.mesh_files import Triangles, read_objects
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.geometry.shells import Shell, closed_shells
 from pinwm_drake.geometry.solid import outer, solid
+from pinwm_drake.reading.mesh_objects import Triangles, read_objects
 
 Result = TypeVar("Result")
 
@@ -166,13 +166,8 @@ def _read_shells(path: Path) -> list[Shell]:
     """Return the closed shells of a file, object by object."""
     if not path.is_file():
         value = "a folder" if path.is_dir() else "no such file"
-        raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply or .glb")
-    try:
-        objects = read_objects(path)
-    except InputError:
-        raise
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a triangle mesh") from error
+        raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply, .off or .glb")
+    objects = read_objects(path)
     if not objects:
         raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
     vertices = np.concatenate([vertices[np.unique(faces)] for vertices, faces in objects.values()])

@@ -10,6 +10,8 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.meshes import mesh_contents
 
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) and faces (m, 3) int
 
@@ -24,33 +26,32 @@ _TEXTS = ".obj", ".off", ".stl", ".ply"
 
 
 def read_objects(path: Path) -> dict[str, Triangles]:
-    """Triangles of each object of a file, with the transforms of its scene; what a reader raises is not caught.
+    """Read the triangles of each object of a mesh file, with the transforms of its scene.
 
     Args:
-        path: An OBJ file, in which each "o name" is an object, or another that trimesh reads.
+        path: An OBJ file, in which each "o name" is an object, or an STL, PLY, OFF or GLB file.
 
     Raises:
-        InputError: A line of an OBJ file makes no sense, or the text is in an unknown encoding.
+        InputError: It is no regular file, of another kind or too large; a line of an OBJ file makes no sense; its text
+            is in an unknown encoding; or trimesh cannot read it.
     """
-    data = path.read_bytes()
-    text = _text(path, data)
-    if path.suffix.lower() == ".obj":
-        return _read_obj(path, _decoded(path, data) if text is None else text)
-    kind = path.suffix.lower()[1:]
-    if text is None:
-        scene = trimesh.load_scene(path, process=False)
-    else:
-        scene = trimesh.load_scene(io.BytesIO(text.encode()), file_type=kind, process=False)
-    objects: dict[str, Triangles] = {}
-    for node in scene.graph.nodes_geometry:
-        X_SG, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
-            faces = np.array(mesh.faces)
-            if faces.max() >= len(mesh.vertices) or faces.min() < 0:
-                raise IndexError(f"a face of corner {faces.max()}, of {len(mesh.vertices)}")
-            vertices = np.asarray(mesh.vertices, float) @ X_SG[:3, :3].T + X_SG[:3, 3]
-            objects[str(node)] = vertices, faces if np.linalg.det(X_SG[:3, :3]) >= 0.0 else faces[:, ::-1]
+    data = mesh_contents(path)
+    with guarded(path, "a triangle mesh"):
+        text = _text(path, data)
+        if path.suffix.lower() == ".obj":
+            return _read_obj(path, _decoded(path, data) if text is None else text)
+        file = io.BytesIO(data if text is None else text.encode())
+        scene = trimesh.load_scene(file, file_type=path.suffix.lower()[1:], process=False, skip_materials=True)
+        objects: dict[str, Triangles] = {}
+        for node in scene.graph.nodes_geometry:
+            X_SG, name = scene.graph[node]
+            mesh = scene.geometry[name]
+            if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
+                faces = np.array(mesh.faces)
+                if faces.max() >= len(mesh.vertices) or faces.min() < 0:
+                    raise IndexError(f"a face of corner {faces.max()}, of {len(mesh.vertices)}")
+                vertices = np.asarray(mesh.vertices, float) @ X_SG[:3, :3].T + X_SG[:3, 3]
+                objects[str(node)] = vertices, faces if np.linalg.det(X_SG[:3, :3]) >= 0.0 else faces[:, ::-1]
     return objects
 
 
