@@ -37,7 +37,7 @@ class Shell:
 
     @property
     def bounds(self) -> np.ndarray:
-        """(2, 3) m. Lowest and highest coordinates."""
+        """Lowest and highest coordinates, (2, 3) m."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def turned(self) -> "Shell":

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Triangles of mesh files, object by object, by positions alone."""
 
-import codecs
 import io
 from itertools import pairwise
 from pathlib import Path
@@ -14,15 +13,6 @@ from pinwm_drake.reading.contents import guarded
 from pinwm_drake.reading.meshes import mesh_contents
 
 Triangles = tuple[np.ndarray, np.ndarray]  # vertices (n, 3) and faces (m, 3) int
-
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-_TEXTS = ".obj", ".off", ".stl", ".ply"
 
 
 def read_objects(path: Path) -> dict[str, Triangles]:
@@ -37,11 +27,11 @@ def read_objects(path: Path) -> dict[str, Triangles]:
     """
     data = mesh_contents(path)
     with guarded(path, "a triangle mesh"):
-        text = _text(path, data)
         if path.suffix.lower() == ".obj":
-            return _read_obj(path, _decoded(path, data) if text is None else text)
-        file = io.BytesIO(data if text is None else text.encode())
-        scene = trimesh.load_scene(file, file_type=path.suffix.lower()[1:], process=False, skip_materials=True)
+            return _read_obj(path, _decoded(data))
+        scene = trimesh.load_scene(
+            io.BytesIO(data), file_type=path.suffix.lower()[1:], process=False, skip_materials=True
+        )
         objects: dict[str, Triangles] = {}
         for node in scene.graph.nodes_geometry:
             X_SG, name = scene.graph[node]
@@ -55,34 +45,12 @@ def read_objects(path: Path) -> dict[str, Triangles]:
     return objects
 
 
-def _text(path: Path, data: bytes) -> str | None:
-    """Text of a file that begins with a byte order mark, or has a zero in its first two bytes; None for another."""
-    if path.suffix.lower() not in _TEXTS or _is_binary_stl(path, data):
-        return None
-    for mark, codec in _MARKS:
-        if data.startswith(mark):
-            return _decoded(path, data, codec).removeprefix("\ufeff")
-    if len(data) > 1 and (data[0] == 0) != (data[1] == 0) and path.suffix.lower() != ".ply":
-        return _decoded(path, data, "utf-16-be" if data[0] == 0 else "utf-16-le")
-    return None
-
-
-def _decoded(path: Path, data: bytes, codec: str | None = None) -> str:
-    """Text in a codec; None for UTF-8, or Latin-1 where it is none, as letters beyond ASCII are in names alone."""
+def _decoded(data: bytes) -> str:
+    """Text in UTF-8, or in Latin-1 where it is none: letters beyond ASCII are in names alone."""
     try:
-        return data.decode(codec or "utf-8")
-    except UnicodeDecodeError as error:
-        if codec is None:
-            return data.decode("latin-1")
-        raise InputError(path, value=f"text that is no {codec}", allowed="text in UTF-8") from error
-
-
-def _is_binary_stl(path: Path, data: bytes) -> bool:
-    return (
-        path.suffix.lower() == ".stl"
-        and len(data) >= 84
-        and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    )
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
 
 
 def _read_obj(path: Path, text: str) -> dict[str, Triangles]:

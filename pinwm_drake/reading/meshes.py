@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Files of meshes and of vertices, parsed by trimesh after a look at what they announce."""
 
+import codecs
 import io
 import struct
 import warnings
@@ -20,6 +21,14 @@ _MOST_BYTES, _MOST_TEXT = 2**28, 2**26
 _MOST_NODES = 10_000  # of the scene of a GLB file
 _MOST_NUMBERS = 2**26  # of all accessors and instances of a GLB file
 _KINDS = (".obj", ".stl", ".ply", ".off", ".glb")
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF32_LE, "utf-32"),  # begins as that of UTF-16
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_TEXTS = ".obj", ".off", ".stl", ".ply"
 _ALLOWED = "a triangle mesh"
 _HEADER_LINES = 10_000
 _COLUMNS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -48,7 +57,7 @@ class _Beside(Resolver):
 
 
 def mesh_contents(path: Path) -> bytes:
-    """Return the contents of a mesh file whose announced sizes make sense.
+    """Return the contents of a mesh file whose announced sizes make sense; text in UTF-16 or UTF-32 as UTF-8.
 
     Raises:
         InputError: It is no regular file, of another kind, too large, or announces more than it holds.
@@ -58,6 +67,7 @@ def mesh_contents(path: Path) -> bytes:
         raise InputError(path, value=f"a file of the kind {path.suffix!r}", allowed=", ".join(_KINDS))
     content = read_bytes(path, _MOST_TEXT if kind in (".obj", ".off") else _MOST_BYTES)
     with guarded(path, _ALLOWED):
+        content = _as_utf8(path, content)
         if kind == ".ply":
             _check_ply(content, path, _ALLOWED)
         if kind == ".glb":
@@ -92,6 +102,27 @@ def read_elements(path: Path, allowed: str) -> tuple[dict[str, Any], bytes]:
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # numpy only warns of text that holds no number
         return load_ply(io.BytesIO(content), skip_materials=True)["metadata"]["_ply_raw"], content
+
+
+def _as_utf8(path: Path, data: bytes) -> bytes:
+    """Contents as they are, or in UTF-8 where they begin with a byte order mark or have a zero in their first two."""
+    if path.suffix.lower() not in _TEXTS or _is_binary_stl(path, data):
+        return data
+    codec = next((codec for mark, codec in _MARKS if data.startswith(mark)), "")
+    if not codec and len(data) > 1 and (data[0] == 0) != (data[1] == 0) and path.suffix.lower() != ".ply":
+        codec = "utf-16-be" if data[0] == 0 else "utf-16-le"
+    try:
+        return data.decode(codec).removeprefix("\ufeff").encode() if codec else data
+    except UnicodeDecodeError as error:
+        raise InputError(path, value=f"text that is no {codec}", allowed="text in UTF-8") from error
+
+
+def _is_binary_stl(path: Path, data: bytes) -> bool:
+    return (
+        path.suffix.lower() == ".stl"
+        and len(data) >= 84
+        and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    )
 
 
 def _check_ply(content: bytes, path: Path, allowed: str) -> None:
