@@ -63,7 +63,9 @@ def load_arrays(path: Path, allowed: str, *, told: bool = True) -> tuple[dict[st
     arrays = read_npz(path, allowed)
     if not told:
         return arrays, {}
-    about = parse_json(str(arrays.pop("about", "")), path)
+    if "about" not in arrays:
+        raise InputError(path, value='no array "about"', allowed=allowed)
+    about = parse_json(str(arrays.pop("about")), path)
     if not isinstance(about, dict):
         raise InputError(path, value=f"about = {about}", allowed=allowed)
     digest = about.pop(_DIGEST, None)  # files of version 0.1 have none

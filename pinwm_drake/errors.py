@@ -11,7 +11,7 @@ from typing import Any
 _LONGEST = 280  # characters of a message: with the name of a command before it, a line is within 300
 _CUT = " ... "
 _MOST_READ = 10_000  # characters that are looked at
-_LEAST = 60  # characters of a value that stay, however long path and allowed values are
+_LEAST = 60  # characters of a path and of a value that stay, however long the allowed values are
 
 
 class PinwmError(Exception):
@@ -94,8 +94,11 @@ class InputError(PinwmError):
         self.allowed = allowed
         where = one_line(self.path if row is None else f"{self.path}, row {row}")
         allowed = one_line(allowed)
-        left = _LONGEST - len(where) - len(allowed) - len(": got ; allowed: ")
-        found = "" if value is None else f"got {_shortened(one_line(value), max(left, _LEAST))}; "
+        found = "" if value is None else one_line(value)
+        left = _LONGEST - len(allowed) - len(": got ; allowed: ")
+        if len(where) + len(found) > left:  # of a path, the end says most
+            where = _end(where, max(left - len(found), _LEAST))
+        found = found and f"got {_shortened(found, max(left - len(where), _LEAST))}; "
         if found.lower().startswith("got no "):  # it says what happened, and is no value that was given
             found = f"no {found[7:]}"
         super().__init__(f"{where}: {found}allowed: {allowed}")
@@ -118,6 +121,11 @@ def _shortened(text: str, length: int) -> str:
         return text
     end = (length - len(_CUT)) // 3
     return f"{text[: length - len(_CUT) - end]}{_CUT}{text[-end:]}"
+
+
+def _end(text: str, length: int) -> str:
+    """Return the last characters of a text that is longer than `length`, behind an ellipsis."""
+    return text if len(text) <= length else "..." + text[3 - length :]
 
 
 def require(name: str, value: object, allowed: bool, range_in_words: str) -> None:

@@ -114,7 +114,8 @@ def _read(folder: Path) -> tuple[Capture, list[Episode]]:
     check = check_capture(folder)
     for problem in check.problems:
         if problem.severity == "error":
-            raise problem.problem
+            error = problem.problem
+            raise InputError(folder / error.path, allowed=error.allowed, row=error.row, value=error.value)
     capture = load_capture(folder)
     if len(capture.episode_names) < 2:
         raise InputError(folder, value=f"{len(capture.episode_names)} episodes", allowed="a capture with two or more")

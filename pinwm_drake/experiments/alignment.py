@@ -177,15 +177,13 @@ def require_fitting(source: Source, registration: Registration) -> None:
         name, worst = min(poor, key=lambda one: one[1].iou)
         raise InputError(
             source.mesh_path,
-            value=f"a mesh that misses the masks of {source.path} in {len(poor)} of {len(judged)} views; "
-            f"in {name} it has {worst.words()}",
-            allowed=f"an overlap of {_FITS:.2f} or more in {1.0 - _EXCEPT:.0%} of the views; "
-            "check object, unit, scale, object.X_WO and poses",
+            value=f"a mesh that misses the masks in {len(poor)} of {len(judged)} views; {name}: {worst.words()}",
+            allowed=f"{_FITS:.2f} in {1.0 - _EXCEPT:.0%} of the views; check object, unit, scale, object.X_WO and poses",
         )
     if registration.shift > _NEAR:
         raise InputError(
             source.mesh_path,
-            value=f"a mesh that is {1e3 * registration.shift:.0f} mm from where the masks of {source.path} show it, "
+            value=f"a mesh that is {1e3 * registration.shift:.0f} mm from where the masks show it, "
             f"turned by {np.degrees(registration.turn):.0f} deg",
             allowed=f"{1e3 * _NEAR:.0f} mm at most; check the origin of the mesh and object.X_WO",
         )

@@ -61,7 +61,7 @@ def test_frames_are_colours_on_white(pushed_cube):
     assert (images[~masks] == 1).all()
     for k in range(FRAMES):
         alpha = np.asarray(Image.open(episode.folder / episode.file_names[k]))[..., 3]
-        np.testing.assert_array_equal(masks[k], alpha > 0)
+        np.testing.assert_array_equal(masks[k], alpha >= 128)
 
 
 def test_a_frame_may_show_nothing_and_masks_may_stand_beside(pushed_cube):

@@ -74,7 +74,7 @@ def without_window(policy: Policy, **changes) -> Policy:
 
 def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
     write_policy(tmp_path / "policy", without_window(policy, scene=None))
-    assert export_bundle(tmp_path / "policy", tmp_path / "bundle").spec == without_window(policy).spec
+    assert export_bundle(tmp_path / "policy", tmp_path / "bundle", scene="push_t").spec == without_window(policy).spec
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):
@@ -88,7 +88,7 @@ def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path
         ([str(folder), "--max-image-age", "inf"], "--max-image-age: got inf; allowed: more than 0 s"),
         ([str(folder), "--box-high", "-1", "0", "1"], "box_low, box_high: got [-0.35, -0.35, "),
         ([str(state)], "policy: got one that observes state; allowed: rgb"),
-        ([str(tmp_path)], f"{tmp_path / 'policy.yaml'}: got "),
+        ([str(tmp_path)], f"{tmp_path / 'policy.yaml'}: no such file"),
         ([str(other)], "horizon: got 0.1 s; allowed: 0.2 s, the policy's"),
         ([str(folder), "--scene", "nowhere"], ""),
     ):

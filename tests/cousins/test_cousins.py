@@ -289,22 +289,22 @@ def test_a_changed_or_broken_file_is_refused(twin, tmp_path):
     theta, allowed = arrays["theta"].copy(), "allowed: cousins, as `pinwm cousins` writes them"
     theta[1, 4] *= 1.01
     for contents, message in (
-        (changed("theta", theta), f"got contents that were changed; {allowed}"),
-        (changed("sh", arrays["sh"][:, :, ::-1]), "got contents that were changed"),
-        (changed("theta", theta[:1]), "got contents that were changed"),
+        (changed("theta", theta), "got arrays with SHA-256 .*; allowed: .* as written"),
+        (changed("sh", arrays["sh"][:, :, ::-1]), "got arrays with SHA-256"),
+        (changed("theta", theta[:1]), "got arrays with SHA-256"),
         (retold(delta=0.3), "got contents that were changed"),
         (retold(seed=1), "got contents that were changed"),
         (retold(twin=hash_twin(with_theta(twin, mass=(1.0, None)))), "got contents that were changed"),
         (retold(version=1), f"got version 1 of something; {allowed}"),
         (retold(more=2), f"got version 2 of something; {allowed}"),
-        ({"theta": theta}, f"got unreadable contents .*; {allowed}"),
-        (changed("about", np.array("{")), "got unreadable contents"),
-        (changed("about", np.array("[1]")), "got unreadable contents"),
+        ({"theta": theta}, f'no array "about"; {allowed}'),
+        (changed("about", np.array("{")), "row 1: .*; allowed: JSON"),
+        (changed("about", np.array("[1]")), r"got about = \[1\]"),
     ):
         np.savez(path, **contents)
         with pytest.raises(InputError, match=message) as caught:
             read_cousins(path, twin)
-        assert str(caught.value).startswith(f"{path}: ")
+        assert str(caught.value).startswith(str(path))
     # Whoever can make the hash anew is still told what does not fit.
     for name, value in (("theta", theta.astype(np.float32)), ("theta", theta[0]), ("moved", theta), ("sh", theta)):
         values = {key: array for key, array in changed(name, value).items() if key != "about"}

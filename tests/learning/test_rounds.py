@@ -39,7 +39,7 @@ def test_the_best_round_is_the_shortest_that_had_a_success(tmp_path, results, be
 def test_the_time_that_is_left_is_that_of_the_budget_and_is_told_anew(tmp_path, monkeypatch):
     now, told = [100.0], []
     monkeypatch.setattr("pinwm_drake.learning.rounds.time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr("pinwm_drake.learning.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("pinwm_drake.pace.time", SimpleNamespace(monotonic=lambda: now[0]))
     rounds = Rounds(StageRun(tmp_path, "stage", until=Until(minutes=12.0), report=told.append), 100)
     assert (told[-1].done, told[-1].left) == (0.0, 720.0)  # nothing is known but the budget
     now[0] += 60.0
@@ -57,10 +57,13 @@ def test_the_time_that_is_left_is_that_of_the_budget_and_is_told_anew(tmp_path, 
 def test_a_first_round_that_takes_longer_than_the_budget_is_waited_for(tmp_path, monkeypatch):
     now, told = [100.0], []
     monkeypatch.setattr("pinwm_drake.learning.rounds.time", SimpleNamespace(monotonic=lambda: now[0]))
-    monkeypatch.setattr("pinwm_drake.learning.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("pinwm_drake.pace.time", SimpleNamespace(monotonic=lambda: now[0]))
     rounds = Rounds(StageRun(tmp_path, "stage", until=Until(minutes=1.0), report=told.append), 10)
     now[0] += 50.0
     rounds.tell(0.25)
-    # A quarter of the round took 50 s, so 150 s are left of it.
-    assert told[-1].left == pytest.approx(150.0)
-    assert told[-1].done == pytest.approx(0.25)
+    assert told[-1].left == pytest.approx(10.0)  # of the budget: the first unit may hold work that is done once
+    now[0] += 50.0
+    rounds.tell(0.5)
+    # A quarter of the round took 50 s, so 100 s are left of it.
+    assert told[-1].left == pytest.approx(100.0)
+    assert told[-1].done == pytest.approx(0.5)

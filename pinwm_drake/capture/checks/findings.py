@@ -10,7 +10,7 @@ from pinwm_drake.errors import InputError, PinwmError
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Problem of a capture: an error makes it unusable, a warning may cost accuracy."""
+    """Problem of a capture, with its path in the capture: an error makes it unusable, a warning may cost accuracy."""
 
     severity: Literal["error", "warning"]
     problem: InputError
@@ -42,4 +42,8 @@ class Findings:
             self._seen.add(str(error))
             if not isinstance(error, InputError):
                 error = InputError(self._folder, value=str(error), allowed="values in range")
+            path = Path(error.path)
+            if path != self._folder and path.is_relative_to(self._folder):  # the capture is known: a short message
+                place = path.relative_to(self._folder)
+                error = InputError(place, allowed=error.allowed, row=error.row, value=error.value)
             self.problems.append(Problem(severity, error))

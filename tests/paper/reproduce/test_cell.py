@@ -120,7 +120,15 @@ def test_notes_of_runs_that_are_none_are_refused_before_anything_is_made(tmp_pat
         made(ONE, tmp_path, lambda line: pytest.fail("made"))
 
 
-@pytest.mark.parametrize("content", ["[]", "3", '"x"', "{}", '{"settings": {}, "result": {}}', "{"])
+def test_a_result_that_is_cut_off_is_refused(tmp_path):
+    path = tmp_path / ONE.key / DONE_FILE
+    path.parent.mkdir(parents=True)
+    path.write_text("{")
+    with pytest.raises(InputError, match=r"numbers/one/done\.json, row 1: .*allowed: JSON"):
+        CellStore(tmp_path).read(ONE)
+
+
+@pytest.mark.parametrize("content", ["[]", "3", '"x"', "{}", '{"settings": {}, "result": {}}'])
 def test_a_file_that_is_no_result_is_refused(tmp_path, content):
     path = tmp_path / ONE.key / DONE_FILE
     path.parent.mkdir(parents=True)

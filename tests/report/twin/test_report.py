@@ -237,7 +237,7 @@ def test_histories_are_checked(tmp_path):
     for arrays, message in (
         ({"theta": np.zeros((12, 3))}, r"theta of shape \(12, 3\)"),
         ({"loss": np.array(["a"] * 12)}, "loss of type"),
-        ({"names": np.array([{}, []], object)}, "unreadable contents"),
+        ({"names": np.array([{}, []], object)}, "names. of object .* no pickles"),
     ):
         write_history(path, **arrays)
         with pytest.raises(InputError, match=message):
