@@ -178,7 +178,7 @@ def require_fitting(source: Source, registration: Registration) -> None:
         raise InputError(
             source.mesh_path,
             value=f"a mesh that misses the masks in {len(poor)} of {len(judged)} views; {name}: {worst.words()}",
-            allowed=f"{_FITS:.2f} in {1.0 - _EXCEPT:.0%} of the views; check object, unit, scale, object.X_WO and poses",
+            allowed=f"{_FITS:.2f} in {1.0 - _EXCEPT:.0%} of them; check object, unit, scale, object.X_WO and poses",
         )
     if registration.shift > _NEAR:
         raise InputError(
