@@ -341,8 +341,8 @@ def test_with_a_key_commands_and_the_last_zero_are_signed(key):
     robot.lcm.HandleSubscriptions(0)
     channel = LINK.command_channel
     checked = [robot.seal.verify(channel, raw) for raw in robot.raw]
-    # The first were sent before it had heard of the driver.
-    assert [reason for _, reason in checked[:2]] == ["of another run of the driver"] * 2
+    # The first was sent before it had heard of the driver.
+    assert checked[0][1] == "of another run of the driver"
     assert {reason for _, reason in checked[3:]} == {""}
     values = [list(lcmt_drake_signal.decode(message).val) for message, _ in checked[3:]]
     assert values[-2][:4] == [0.1, -0.05, 0.0, 77.0]
