@@ -42,7 +42,7 @@ def arm(request: ArmRequest) -> None:
     size = request.image_size or spec.camera.width
     logging.getLogger("drake").setLevel(logging.WARNING)
     setup = policy_setup(spec, found.provenance, request.bundle, request.scene, None)
-    setup = with_url(environment_setup(setup, EnvOptions(image_size=size)), request.lcm_url)
+    setup = with_url(environment_setup(setup, EnvOptions(image_size=size)), request.lcm_url, request.key)
     page = make_meshcat(port=request.port) if request.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
     driver = ArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)
@@ -62,6 +62,10 @@ def arm(request: ArmRequest) -> None:
             if context.get_time() >= min(due, request.duration) - 1e-9:
                 say(_line(driver, simulator, began))
                 due += _EVERY
+            if line := driver.tally.line(time.monotonic()):
+                say(line)
+    if line := driver.tally.line(math.inf):
+        say(line)
     say(f"ended by {stop()}" if stop() else "ended")
     if stop():
         raise SystemExit(stop.exit_code)

@@ -12,6 +12,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 
 from pinwm_drake.cli.stopping import Stop, stop_signals
 from pinwm_drake.errors import StateError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
     from pinwm_drake.systems.scenario.setup import Setup
 
+UNSIGNED = "any process on this host can send commands to the robot, and images; --key FILE keeps others out"
 _EVERY = 0.5  # s, between lines
 _PATIENCE = 30.0  # s, for somebody to open the page
 
@@ -57,7 +59,7 @@ def control(request: ControlRequest) -> None:
         setup = policy_setup(found.spec, found.provenance, request.bundle, request.scene, force)
         setup = environment_setup(setup, EnvOptions(image_size=found.spec.camera.width))
         if engine == "lcm":
-            setup = with_url(setup, MEMORY if request.simulate_arm else request.lcm_url)
+            setup = with_url(setup, MEMORY if request.simulate_arm else request.lcm_url, request.key)
         page = make_meshcat(port=request.port) if request.meshcat or film is not None else None
         loop = ControlLoop(
             found,
@@ -80,7 +82,7 @@ def control(request: ControlRequest) -> None:
             _announce(console, armed, request.simulate_arm, engine, setup, found.limits)
             last = _run(console, loop, request.duration, stop)
         if film is not None:
-            _tell(console, stop, f"wrote {film}")
+            _tell(console, stop, f"wrote {escape(str(film))}")
         # What could go wrong now is no danger to a robot.
         _conclude(console, last, armed, request.duration, stop)
         if request.meshcat and console.is_terminal and not stop():
@@ -99,9 +101,22 @@ def _run(console: Console, loop: "ControlLoop", duration: float, stop: Stop) -> 
             if t >= due - 1e-6 or row.status.state != state:
                 _tell(console, stop, _line(t, row, time.perf_counter() - began))
                 due, state = t + _EVERY, row.status.state
+            _tell_unused(console, loop, stop, time.monotonic())
     finally:
         loop.stop()
+        _tell_unused(console, loop, stop, math.inf)
     return row
+
+
+def _tell_unused(console: Console, loop: "ControlLoop", stop: Stop, now: float) -> None:
+    """Print the counts of messages that were not used, where that is due at a time [s]."""
+    from pinwm_drake.systems.engines.lcm.engine import LcmHandle
+
+    handle = loop.station.engine.handle
+    tallies = [handle.tally] if isinstance(handle, LcmHandle) else []
+    for tally in tallies if loop.driver is None else [*tallies, loop.driver.tally]:
+        if line := tally.line(now):
+            _tell(console, stop, f"[yellow]{escape(line)}[/]")
 
 
 def _tell(console: Console, stop: Stop, line: str) -> None:
@@ -121,7 +136,7 @@ def _announce(
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
     where = "a simulated arm" if simulated else engine
     if engine == "lcm" and not simulated:
-        where = f"a robot at {setup.scenario.lcm.url}"
+        where = f"a robot at {escape(setup.scenario.lcm.url)}"
     console.print(f"{where}, {what[armed]}", highlight=False, soft_wrap=True)
     console.print(
         f"limits: {limits.max_speed:g} m/s, {limits.max_acceleration:g} m/s², images {limits.max_image_age:g} s old, "
@@ -129,6 +144,12 @@ def _announce(
         highlight=False,
         soft_wrap=True,
     )
+    if engine == "lcm" and not simulated:
+        key = setup.scenario.lcm.key_file
+        if key is None:
+            console.print(f"[yellow]{UNSIGNED}[/]", highlight=False, soft_wrap=True)
+        else:
+            console.print(f"messages are signed with the key in {escape(key)}", highlight=False, soft_wrap=True)
     short = limits.shortfall(arm_limits(setup)) if simulated else ""
     if short:
         console.print(f"[yellow]the arm is slower than the policy was trained for[/]: {short}", highlight=False)
@@ -168,10 +189,10 @@ def _line(t: float, row: "ControlRow", wall: float) -> str:
     if not math.isnan(row.distance):
         parts.append(f"object {1e3 * row.distance:.1f} mm, {math.degrees(row.angle):.1f}° from the goal")
     if status.estimate:
-        parts.append(f"seen {status.estimate}")
+        parts.append(f"seen {escape(status.estimate)}")
     if t > 0:
         parts.append(f"{t / max(wall, 1e-9):.2f} x real time")
-    return "  ".join(part for part in [*parts, status.reason] if part)
+    return "  ".join(part for part in [*parts, escape(status.reason)] if part)
 
 
 def _conclude(console: Console, row: "ControlRow", armed: bool, duration: float, stop: Stop) -> None:
@@ -187,6 +208,6 @@ def _conclude(console: Console, row: "ControlRow", armed: bool, duration: float,
     elif row.success:
         _tell(console, stop, f"[green]at the goal[/] after {row.status.actions} actions: {end}")
     elif row.status.state == "done":
-        _tell(console, stop, f"[green]done[/]: {row.status.reason}: {end}")
+        _tell(console, stop, f"[green]done[/]: {escape(row.status.reason)}: {end}")
     else:
         _tell(console, stop, f"[yellow]not at the goal[/] after {duration:g} s: {end}")

@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem
+from pydrake.systems.lcm import LcmInterfaceSystem
 from pydrake.systems.primitives import Multiplexer
 
 from pinwm_drake.errors import ParameterError
@@ -18,6 +18,8 @@ from pinwm_drake.systems.arm.messages import STATE_NAMES, ImageSender
 from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
 from pinwm_drake.systems.arm.plant import MakeArmPlant
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
+from pinwm_drake.systems.engines.lcm.messages import Tally, make_publisher
+from pinwm_drake.systems.engines.lcm.seal import seal_of
 from pinwm_drake.systems.engines.lcm.signal import SignalSender
 from pinwm_drake.systems.engines.plant.forces import PlantForces
 from pinwm_drake.systems.sampling import whole_multiple
@@ -70,9 +72,10 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     Attributes:
         limits: Limits of the tool's motion.
         model: The arm's kinematics.
+        tally: Counts of commands that were not used.
 
     Raises:
-        InputError: A mesh cannot be used.
+        InputError: A mesh, or the key of the link, cannot be used.
         ParameterError: The scene is out of the arm's reach, or periods and time steps do not divide each other.
     """
 
@@ -91,6 +94,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
         whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
         self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
+        self.tally, seal = Tally(), seal_of(link, driver=True)
         height = setup.scenario.start.pusher_height
         self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
         builder = DiagramBuilder()
@@ -105,12 +109,12 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
         builder.Connect(plant.get_state_output_port(self._arm), kinematics.GetInputPort("robot_state"))
         builder.Connect(joints.get_output_port(), plant.get_desired_state_input_port(self._arm))
-        gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed))
+        gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed, self.tally, seal))
         for name in ("pusher_velocity_W", "command_time"):
             builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
         both = builder.AddNamedSystem("state_and_status", Multiplexer([6, 4]))
         message = builder.AddNamedSystem("state_message", SignalSender(STATE_NAMES))
-        publisher = LcmPublisherSystem.Make(link.state_channel, lcmt_drake_signal, lcm, publish_period=link.period)
+        publisher = make_publisher(link.state_channel, lcmt_drake_signal, lcm, link.period, seal)
         builder.AddNamedSystem("state_publisher", publisher)
         builder.Connect(tool.get_output_port(), both.get_input_port(0))
         builder.Connect(gate.GetOutputPort("status"), both.get_input_port(1))
@@ -118,7 +122,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         builder.Connect(message.get_output_port(), publisher.get_input_port())
         camera, state = setup.camera, plant.get_state_output_port(parts.object_instance)
         image = AddObjectImage(builder, parts.scene_graph, camera, _SUPERSAMPLING, setup.X_WC)
-        sender = builder.AddNamedSystem("image_sender", ImageSender(lcm, link, camera.width, camera.height, latency))
+        sending = ImageSender(lcm, link, camera.width, camera.height, latency, seal)
+        sender = builder.AddNamedSystem("image_sender", sending)
         builder.Connect(image.GetOutputPort("rgb"), sender.get_input_port())
         outputs = {
             "object_state": state,

@@ -14,14 +14,16 @@ from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from pinwm_drake.systems.engines.lcm.hearing import LATCHED, LIVE, WAITING
-from pinwm_drake.systems.engines.lcm.messages import Mailbox
+from pinwm_drake.systems.engines.lcm.hearing import DRIVER_FAULTS, LATCHED, LIVE, WAITING
+from pinwm_drake.systems.engines.lcm.messages import Mailbox, Tally
+from pinwm_drake.systems.engines.lcm.seal import Seal
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES
 from pinwm_drake.systems.ports import Immutable, declare_vector
 from pinwm_drake.systems.scenario.schema import LcmLink
 
 SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST = 1, 2, 3, 4, 5  # of DRIVER_FAULTS
 _SIZE = len(COMMAND_NAMES)
+_SESSIONS = 256  # that are remembered; older ones have expired long since
 _FASTER = 1.01  # times the largest speed, that rounding and a limiter may make of it
 _SHARE = 1e-6  # of a time-out, by which times may be off
 
@@ -37,7 +39,7 @@ class Gate(Immutable):
         sequence: Number of its last command; -1 before the first.
         heard: s, when that came.
         velocity: (3,) m/s, world: v_WP that it asks for; zero unless live.
-        used: All sessions that have been seen.
+        used: The last 256 sessions that have been seen, the latest at the end.
     """
 
     mode: int = WAITING
@@ -46,7 +48,7 @@ class Gate(Immutable):
     sequence: int = -1
     heard: float = -math.inf
     velocity: tuple[float, ...] = (0.0, 0.0, 0.0)
-    used: frozenset[int] = frozenset()
+    used: tuple[int, ...] = ()
 
 
 def closed(gate: Gate, mode: int = WAITING, fault: int = 0) -> Gate:
@@ -71,7 +73,9 @@ def take_command(gate: Gate, values: list[float], now: float, link: LcmLink, max
     if session == 0:  # disarmed: stopping is safe, whoever asks for it
         return closed(gate) if gate.mode == LIVE else gate
     known = session in gate.used
-    gate = replace(gate, used=gate.used | {session})
+    if gate.used[-1:] != (session,):
+        used = (*(other for other in gate.used if other != session), session)
+        gate = replace(gate, used=used[-_SESSIONS:])
     late = expiry < now or expiry > now + link.timeout + link.period
     if gate.mode != LIVE or session != gate.session:
         if gate.mode == LIVE:
@@ -102,17 +106,23 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         of commands       └─────────────┘─► status             (4): session, sequence, mode, fault
 
     The state, a `Gate`, is updated every `period` by all messages that have come since; there is no direct feedthrough.
+    With a seal, a command that is not signed, comes again or is of another session than the open one is dropped and
+    counted; without, it latches. An exception latches as well.
 
     Args:
         lcm: LCM that the messages come through; somebody has to pump it.
         link: Channel, period and time-out.
         max_speed: m/s, largest speed of a command.
+        tally: Counts commands that are not used.
+        seal: Seal of this end; None where messages are not signed.
     """
 
-    def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float) -> None:
+    def __init__(
+        self, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float, tally: Tally, seal: Seal | None = None
+    ) -> None:
         super().__init__()
-        self._link, self._max_speed = link, max_speed
-        self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm)
+        self._link, self._max_speed, self._tally, self._signed = link, max_speed, tally, seal is not None
+        self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm, tally, seal)
         self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
         self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
         held = {self.abstract_state_ticket(self._gate)}
@@ -130,10 +140,25 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
     def _Update(self, context: Context, state: State) -> EventStatus:
         gate, now = self._get(context), context.get_time()
         for message in self._mailbox.take():
-            gate = take_command(gate, list(message.val), now, self._link, self._max_speed)
+            gate = self._taken(gate, message, now)
         gate = pass_time(gate, now, self._link.timeout)
         state.get_mutable_abstract_state(int(self._gate)).set_value(gate)
         return EventStatus.Succeeded()
+
+    def _taken(self, gate: Gate, message: lcmt_drake_signal, now: float) -> Gate:
+        channel, values = self._link.command_channel, list(message.val) if message.dim >= 0 else []
+        foreign = len(values) == _SIZE and gate.mode == LIVE and values[3] not in (0.0, float(gate.session))
+        if self._signed and foreign:
+            self._tally.note(channel, "of another session")
+            return gate
+        try:
+            taken = take_command(gate, values, now, self._link, self._max_speed)
+        except Exception as error:  # whatever somebody sent
+            self._tally.note(channel, "cannot be handled", f"{type(error).__name__}: {error}")
+            return closed(gate, LATCHED, MALFORMED)
+        if taken.fault and (taken.mode, taken.fault) != (gate.mode, gate.fault):
+            self._tally.note(channel, DRIVER_FAULTS[taken.fault])
+        return taken
 
     def _CalcStatus(self, context: Context) -> list[int]:
         gate = self._get(context)

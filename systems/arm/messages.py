@@ -10,6 +10,7 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
 
+from pinwm_drake.systems.engines.lcm.seal import Seal
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
 
@@ -33,11 +34,14 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         width: px.
         height: px.
         latency: s, from the moment that a picture shows to that at which it is sent; a period at least.
+        seal: Signs the messages; None where nobody does.
     """
 
-    def __init__(self, lcm: DrakeLcmInterface, link: LcmLink, width: int, height: int, latency: float) -> None:
+    def __init__(
+        self, lcm: DrakeLcmInterface, link: LcmLink, width: int, height: int, latency: float, seal: Seal | None = None
+    ) -> None:
         super().__init__()
-        self._lcm, self._channel = lcm, link.image_channel
+        self._lcm, self._channel, self._seal = lcm, link.image_channel, seal
         self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(width, height)))
         self._waiting = self.DeclareAbstractState(AbstractValue.Make(()))
         self._period, self._pause = link.period, whole_multiple("lcm.image_period", link.image_period, link.period)
@@ -61,7 +65,8 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         number = period_index(context.get_time(), self._period)
         for due, message in self._pictures(context):
             if due == number:
-                self._lcm.Publish(self._channel, message)
+                signed = message if self._seal is None else self._seal.sign(self._channel, message)
+                self._lcm.Publish(self._channel, signed)
         return EventStatus.Succeeded()
 
     def _pictures(self, context: Context) -> tuple[tuple[int, bytes], ...]:

@@ -17,6 +17,7 @@ from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.station.station import SceneStation
 
+_LONGEST = 200  # characters of a fault
 _SESSIONS = 1 << 48  # whole numbers that a double holds
 
 
@@ -42,8 +43,8 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
 
     At 0, H, 2 H, ... the policy sees the last k images, one an action (the first since a reset stands for those before
     it), and where the pusher was when the last was taken; its translation d is sent as d / H, held for H. A fault is
-    looked for at each `period`; see `Pilot` and `SafetyFilter`, which every velocity goes through. An exception in the
-    policy is a fault too.
+    looked for at each `period`; see `Pilot` and `SafetyFilter`, which every velocity goes through. An exception,
+    in the policy or elsewhere, is a fault too.
 
     A controller starts disarmed: it computes and tells what it would do (`raw_action`, NaN where there is none), and
     sends zero. `Arm` lets it move from the next action on. After a fault, or when the task is over, it sends zero until
@@ -144,7 +145,11 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
             fault=self._fault.Eval(context) if self._fault.HasValue(context) else "",
         )
         acts = period_index(time, self._period) % self._periods == 0
-        memory = (self._pilot.act if acts else self._pilot.look)(held.memory, inputs)
+        try:
+            memory = (self._pilot.act if acts else self._pilot.look)(held.memory, inputs)
+        except Exception as error:  # whatever came in, a robot is not to go on
+            words = f"controller failed: {type(error).__name__}: {error}"[:_LONGEST]
+            memory = self._pilot.fail(held.memory, time, words)
         if memory is held.memory:
             return EventStatus.DidNothing()
         state.get_mutable_abstract_state(int(self._held)).set_value(_of(held, memory))

@@ -81,16 +81,18 @@ def scenario_path(text: str) -> str:
     return text
 
 
-def with_url(setup: Setup, url: str | None) -> Setup:
-    """Return the setup with an address of LCM that another process can reach.
+def with_url(setup: Setup, url: str | None, key_file: Path | None = None) -> Setup:
+    """Return the setup with an address of LCM that another process can reach, and a key.
 
     Args:
         setup: The scene.
         url: The address; None for that of the scenario, or `LOCAL` where that stays within the process.
+        key_file: File of the key that signs messages; None for that of the scenario.
     """
     link = setup.scenario.lcm
+    key = link.key_file if key_file is None else str(key_file)
     chosen = url or (LOCAL if link.url == MEMORY else link.url)
-    scenario = dataclasses.replace(setup.scenario, lcm=dataclasses.replace(link, url=chosen))
+    scenario = dataclasses.replace(setup.scenario, lcm=dataclasses.replace(link, url=chosen, key_file=key))
     return dataclasses.replace(setup, scenario=scenario)
 
 
@@ -102,6 +104,7 @@ def scene_hash(setup: Setup) -> str:
     scenario = dataclasses.asdict(setup.scenario)
     folder = scenario.pop("twin")
     scenario.pop("task")
+    scenario["lcm"].pop("key_file")
     scenario["physics"]["friction_directions"] = None  # as in version 0.1, whose hashes stand in files
     digest = hashlib.sha256(json.dumps(scenario, sort_keys=True).encode())
     path = None if folder is None else Path(folder) / "twin.yaml"

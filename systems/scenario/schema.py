@@ -273,6 +273,7 @@ class LcmLink(_Checked):
         image_period: s, between images.
         timeout: s. Commands that stop for longer stop the robot, and their session is over; a state that is older
             counts as unknown.
+        key_file: File with the key by which both ends sign what they send, see `Seal`; null where nobody signs.
     """
 
     url: _Text = MEMORY
@@ -282,6 +283,7 @@ class LcmLink(_Checked):
     period: Annotated[float, _quantity(1e-3, 0.1, "s")] = 0.005
     image_period: Annotated[float, _quantity(1e-3, 10.0, "s")] = 0.05
     timeout: Annotated[float, _quantity(1e-3, 10.0, "s")] = 0.1
+    key_file: _Text | None = None
 
 
 @dataclass

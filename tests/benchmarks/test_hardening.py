@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from benchmarks.hardening import readers
+from benchmarks.hardening import messages, readers
 from benchmarks.hardening.mutations import mutate
 from benchmarks.hardening.parts import PARTS, part
 
@@ -87,3 +87,33 @@ def test_what_goes_wrong_is_seen(tmp_path, monkeypatch, how):
         "file": "open",
     }
     assert [words[how] in one["wrong"] for one in found["violations"]] == [True, True]
+
+
+def test_damaged_messages_end_a_controller_only_latched(tmp_path):
+    found = messages.run(tmp_path, 200, seed=5)
+    assert found["violations"] == []
+    assert found["number"] >= 200
+    kinds = found["kinds"]
+    assert set(kinds) == {
+        f"{kind}, {how}" for kind in ("command", "image", "state", "status") for how in ("without", "with a key")
+    }
+    for name, one in kinds.items():
+        assert one["sent"] == one["kept"] + one["latched"] > 0
+        assert (one["latched"] > 0) == name.endswith("without")
+    assert 0 < sum(found["reasons"].values()) <= sum(one["latched"] for one in kinds.values())
+    assert f"| all | {found['number']} |" in part("messages").table(found)
+    # What is done is not done again.
+    assert messages.run(tmp_path, 200, seed=5) == found
+
+
+@pytest.mark.parametrize(
+    ("target", "fault", "words"),
+    [
+        ("pinwm_drake.control.safety_filter.SafetyFilter.watch", lambda self, safety, fault: safety, "sends"),
+        ("pinwm_drake.systems.engines.lcm.seal.Seal.verify", lambda self, _, raw, **__: (raw[:-56], ""), "an effect"),
+    ],
+)
+def test_what_goes_wrong_with_messages_is_seen(tmp_path, monkeypatch, target, fault, words):
+    monkeypatch.setattr(target, fault)
+    found = messages.run(tmp_path, 16, seed=5)
+    assert any(words in one["wrong"] for one in found["violations"])

@@ -5,15 +5,19 @@ import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from pinwm_drake.cli import control
+from pinwm_drake.control.pilot import ControlStatus
 from pinwm_drake.learning.export import export_policy
 from pinwm_drake.learning.policy import Policy
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.control.loop import ControlRow
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
+from pinwm_drake.systems.scenario.load import with_url
 from tests.learning.bundles import exported, pictures, untrained_policy
 from tests.systems.stations import action_setup
 from tests.systems.view.test_meshcat import packed
@@ -71,6 +75,49 @@ def test_a_simulated_arm(pinwm, bundle):
     code, output, _ = pinwm("control", bundle, *options)
     assert code == 0
     assert set(places(output)) == {moved[0]}
+
+
+def robot_setup(key=None):
+    return with_url(action_setup("push_t", image_size=SIZE), None, key)
+
+
+def announced(setup, *, simulated=False) -> str:
+    written = io.StringIO()
+    spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=100), "rgb")
+    control._announce(Console(file=written, width=300), True, simulated, "lcm", setup, default_limits(spec))
+    return written.getvalue()
+
+
+def test_without_a_key_it_says_once_that_any_process_can_move_the_robot(tmp_path):
+    words = "any process on this host can send commands to the robot"
+    assert announced(robot_setup()).count(words) == 1
+    assert words not in announced(robot_setup(), simulated=True)
+    output = announced(robot_setup(tmp_path / "[a].key"))
+    assert words not in output
+    assert f"messages are signed with the key in {tmp_path}/[a].key\n" in output
+
+
+def test_a_key_signs_between_controller_and_arm(pinwm, bundle, tmp_path):
+    key = tmp_path / "robot.key"
+    key.write_bytes(bytes(range(32)))
+    key.chmod(0o600)
+    options = ("--arm", "--simulate-arm", "--contact", "point", "--duration", "0.5", "--key", str(key))
+    code, output, errors = pinwm("control", bundle, *options)
+    assert (code, errors) == (0, "")
+    assert len(set(places(output))) > 1
+    key.chmod(0o644)
+    code, output, errors = pinwm("control", bundle, *options)
+    assert (code, output) == (1, "")
+    assert "robot.key: got mode 0644; allowed: 0600" in " ".join(errors.split())
+
+
+def test_words_of_others_are_no_markup(policy):
+    status = ControlStatus("latched", "image cannot be used: got unreadable PNG (chunk b'[/a]')", estimate="[red]x")
+    row = ControlRow(0.0, status, np.full(2, np.nan), np.zeros(3), np.zeros(13), math.nan, math.nan, False)
+    written = io.StringIO()
+    Console(file=written, width=300).print(control._line(0.0, row, 0.0))
+    assert "chunk b'[/a]'" in written.getvalue()
+    assert "seen [red]x" in written.getvalue()
 
 
 def test_a_fault_ends_it(pinwm, policy, tmp_path):
@@ -141,6 +188,7 @@ def test_the_arm_alone(pinwm):
         (["--engine", "lcm", "--lcm-url", "udpm://239.255.76.67:7667?ttl=1"], "?ttl=0"),
         (["--engine", "lcm", "--meshcat"], "--meshcat: got True; allowed: none for a robot"),
         (["--engine", "lcm", "--record", "a.html"], "--record: got a.html; allowed: none for a robot"),
+        (["--engine", "twin", "--key", "a.key"], "--key: got a.key; allowed: none, but with lcm"),
         (["--record", "a.mp4"], "--record: got a.mp4; allowed: a name that ends in .html or .htm"),
     ],
 )

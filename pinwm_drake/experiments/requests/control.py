@@ -28,6 +28,10 @@ LcmUrl = Annotated[
     str | None,
     option("Address of LCM; udpm://ADDRESS:PORT?ttl=0 stays on this machine.", group=LAB, default="the scenario's"),
 ]
+Key = Annotated[
+    Path | None,
+    option("Key file that signs messages, the same on both ends; see the threat model.", group=LAB, default="unsigned"),
+]
 Port = Annotated[int | None, option("Port of Meshcat.", group=LAB, ge=1024, le=65535, default="first free from 7000")]
 Seed = Annotated[int, option("Seed of the start of object and pusher.", group=ADVANCED, ge=0, le=2**32 - 1)]
 _Corner = tuple[float, float, float] | None
@@ -110,6 +114,7 @@ class ControlRequest:
         "hydroelastic"
     )
     lcm_url: LcmUrl = None
+    key: Key = None
     record: Annotated[
         Path | None,
         option("HTML file of what Meshcat shows; it needs no server.", group=DATA, result="beside"),
@@ -122,6 +127,7 @@ class ControlRequest:
         """Check options that exclude each other."""
         robot = self.engine == "lcm" and not self.simulate_arm
         require("--lcm-url", self.lcm_url, self.lcm_url is None or robot, "none, but for a robot behind lcm")
+        require("--key", self.key, self.key is None or self.station_engine == "lcm", "none, but with lcm")
         require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
         require("--record", self.record, not (self.record and robot), "none for a robot, which can be filmed")
         require_suffix("--record", self.record, ".html", ".htm")
@@ -152,6 +158,7 @@ class ArmRequest:
     ] = 0.0
     contact: Annotated[Contact, option("Contact model of the arm; point takes half the time.", group=LAB)] = "point"
     lcm_url: LcmUrl = None
+    key: Key = None
     meshcat: Annotated[bool, option("Show the arm in a browser on this machine.", group=LAB)] = False
     port: Port = None
     seed: Seed = 0

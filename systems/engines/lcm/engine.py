@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Robot as an engine: commands out, images and the pusher's state in, all over LCM."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from time import sleep
 
 import numpy as np
-from drake import lcmt_drake_signal, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import SceneGraph
 from pydrake.lcm import DrakeLcmInterface
@@ -13,15 +13,16 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.lcm import LcmInterfaceSystem, LcmPublisherSystem
+from pydrake.systems.lcm import LcmInterfaceSystem
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, PassThrough
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.engines.engine import ContactForces, Engine
 from pinwm_drake.systems.engines.lcm.link import make_lcm
-from pinwm_drake.systems.engines.lcm.messages import make_subscriber
+from pinwm_drake.systems.engines.lcm.messages import Tally, make_publisher
 from pinwm_drake.systems.engines.lcm.receiver import RobotReceiver
+from pinwm_drake.systems.engines.lcm.seal import Seal, seal_of
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, CommandSender, signal_message
 from pinwm_drake.systems.engines.plant.scene import scene_texts
 from pinwm_drake.systems.ports import declare_vector
@@ -34,13 +35,16 @@ from pinwm_drake.systems.scenario.start import StartDistribution
 class LcmHandle:
     """Handle that refuses to put things into place, which takes more than a message; see `engine.Handle`.
 
-    It keeps the LCM, as the systems that use it do not, and sends commands, each `period` [s], if it is armed.
+    It keeps the LCM, as the systems that use it do not, and sends commands, each `period` [s], if it is armed; signed,
+    where there is a seal. Its tally counts messages that were not used.
     """
 
     lcm: DrakeLcmInterface
     armed: bool
     channel: str
     period: float
+    seal: Seal | None = None
+    tally: Tally = field(default_factory=Tally)
 
     def SendStop(self, time: float) -> None:
         """Send zero of no session, past the diagram, where commands are sent at all.
@@ -53,11 +57,14 @@ class LcmHandle:
         """
         if not self.armed:
             return
-        message = signal_message(COMMAND_NAMES, np.zeros(6), time).encode()
-        self.lcm.Publish(self.channel, message)
+        self._send(time)
         if self.lcm.get_lcm_url() != MEMORY:
             sleep(2.0 * self.period)
-            self.lcm.Publish(self.channel, message)
+            self._send(time)
+
+    def _send(self, time: float) -> None:
+        message = signal_message(COMMAND_NAMES, np.zeros(6), time).encode()
+        self.lcm.Publish(self.channel, message if self.seal is None else self.seal.sign(self.channel, message))
 
     def SetObjectState(self, context: Context, X_WO: RigidTransform, V_WO: np.ndarray, world: int = 0) -> None:
         """Refuse to set the object's state: raise ParameterError; arguments as for `engine.Handle`."""
@@ -84,26 +91,23 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
         armed: Whether commands are sent. There is nothing in the diagram that could send them otherwise.
 
     Raises:
-        InputError: A mesh cannot be used.
+        InputError: A mesh, or the key of the link, cannot be used.
         ParameterError: The address cannot be used.
     """
     link = setup.scenario.lcm
     lcm = lcm or make_lcm(link)
     builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-    camera = setup.camera
+    camera, seal, tally = setup.camera, seal_of(link), Tally()
     first = np.concatenate([StartDistribution(setup).middle().p_WP, np.zeros(3)])
-    receiver = builder.AddNamedSystem("robot_receiver", RobotReceiver(link, camera.width, camera.height, first))
-    states = builder.AddNamedSystem("state_subscriber", make_subscriber(link.state_channel, lcmt_drake_signal, lcm))
-    images = builder.AddNamedSystem("image_subscriber", make_subscriber(link.image_channel, lcmt_image_array, lcm))
-    builder.Connect(states.get_output_port(), receiver.GetInputPort("state_message"))
-    builder.Connect(images.get_output_port(), receiver.GetInputPort("image_message"))
+    listening = RobotReceiver(lcm, link, camera.width, camera.height, first, tally, seal)
+    receiver = builder.AddNamedSystem("robot_receiver", listening)
     commands = builder.AddNamedSystem("command_message", CommandSender(link))
     session = builder.AddNamedSystem("session", PassThrough(1))
     for system in (receiver, commands):
         builder.Connect(session.get_output_port(), system.GetInputPort("session"))
     builder.Connect(receiver.GetOutputPort("robot_time"), commands.GetInputPort("robot_time"))
     if armed:
-        sender = LcmPublisherSystem.Make(link.command_channel, lcmt_drake_signal, lcm, publish_period=link.period)
+        sender = make_publisher(link.command_channel, lcmt_drake_signal, lcm, link.period, seal)
         builder.AddNamedSystem("command_publisher", sender)
         builder.Connect(commands.get_output_port(), sender.get_input_port())
     unknown = builder.AddNamedSystem("object_unknown", ConstantVectorSource(np.full(13, np.nan)))
@@ -117,7 +121,7 @@ def AddLcmEngine(builder: DiagramBuilder, setup: Setup, lcm: DrakeLcmInterface |
         rgb_batch=receiver.GetOutputPort("rgb_batch"),
         contact_forces=forces.get_output_port(),
         scene_graph=_add_pusher_geometry(builder, setup, receiver.GetOutputPort("last_state")),
-        handle=LcmHandle(lcm, armed, link.command_channel, link.period),
+        handle=LcmHandle(lcm, armed, link.command_channel, link.period, seal, tally),
         rgb_time=receiver.GetOutputPort("rgb_time"),
         pusher_time=receiver.GetOutputPort("pusher_time"),
         fault=receiver.GetOutputPort("fault"),

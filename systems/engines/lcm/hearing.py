@@ -15,6 +15,7 @@ DRIVER_FAULTS = (
     "a command faster than allowed came",
 )
 STATE_SIZE = 10  # p_WP, v_WP, session, sequence, mode, fault
+_FARTHEST = 1000.0  # m and m/s
 _WINDOW = 5.0  # s; a clock that drifts by 100 ppm gains 1 ms in two of them
 
 
@@ -114,6 +115,8 @@ def hear_state(
         return replace(heard, stamp=stamp, fault=f"robot's state has {values}; allowed: finite numbers")
     if len(values) != STATE_SIZE:
         return replace(heard, stamp=stamp, fault=f"robot's state has {len(values)} values; allowed: {STATE_SIZE}")
+    if (most := max(map(abs, values[:6]))) > _FARTHEST:
+        return replace(heard, stamp=stamp, fault=f"robot's state has {most:g}; allowed: {_FARTHEST:g} m or m/s at most")
     if stamp < heard.stamp:
         if heard.session or now - heard.arrival <= timeout:
             return replace(heard, fault=f"robot's clock went back by {heard.stamp - stamp:.3f} s")

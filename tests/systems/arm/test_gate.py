@@ -3,18 +3,27 @@
 
 import numpy as np
 import pytest
+from pydrake.lcm import DrakeLcm
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.lcm import LcmInterfaceSystem
 
+from pinwm_drake.systems.arm import gate as gate_module
 from pinwm_drake.systems.arm.gate import (
     EXPIRED,
     MALFORMED,
     OLDER,
     SECOND_SESSION,
     TOO_FAST,
+    CommandGate,
     Gate,
     pass_time,
     take_command,
 )
 from pinwm_drake.systems.engines.lcm.hearing import DRIVER_FAULTS, LATCHED, LIVE, WAITING
+from pinwm_drake.systems.engines.lcm.messages import Tally
+from pinwm_drake.systems.engines.lcm.seal import Seal
+from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, signal_message
 from pinwm_drake.systems.scenario.schema import LcmLink
 
 LINK, FASTEST, A, B, C = LcmLink(), 0.3, 11, 22, 33
@@ -116,3 +125,121 @@ def test_a_disarmed_controller_closes_the_session_and_ends_no_fault(live):
 def test_what_is_no_command_does_nothing_before_a_session():
     for values in ([], [0.1, 0.2, 0.3], command(A, 1, 1.0, (np.inf, 0, 0))):
         assert take(Gate(), values, 1.0).mode == WAITING
+
+
+def test_the_sessions_that_it_remembers_are_bounded(live):
+    gate, sizes = live, []
+    for k in range(20_000):
+        gate = take(gate, command(10_000 + k, 1, 1.0), 1.0)
+        sizes.append(len(gate.used))
+    assert max(sizes) == 256
+    assert gate.used == tuple(range(29_744, 30_000))
+    # A session that goes on is not forgotten for others that have come since.
+    gate = live
+    for k in range(400):
+        gate = take(take(gate, command(1000 + k, 1, 1.0, age=9.0), 1.0), command(A, 200 + k, 1.0), 1.0)
+        assert gate.session != A
+
+
+KEY = bytes(range(32))
+CHANNEL = LINK.command_channel
+
+
+class Line:
+    """A gate with a key, and those who send to it."""
+
+    def __init__(self):
+        self.lcm, self.tally = DrakeLcm("memq://"), Tally()
+        self.driver, self.controller = Seal(KEY, bytes(16)), Seal(KEY)
+        self.controller.verify("S", self.driver.sign("S", b""), adopt=True)
+        builder = DiagramBuilder()
+        builder.AddSystem(LcmInterfaceSystem(self.lcm))
+        self.gate = builder.AddSystem(CommandGate(self.lcm, LINK, FASTEST, self.tally, self.driver))
+        self.simulator = Simulator(builder.Build())
+        self.context = self.simulator.get_context()
+
+    def message(self, session, v=(0.1, 0.0, 0.0)):
+        now = self.context.get_time()
+        values = [*v, float(session), round(now / LINK.period), now + LINK.timeout]
+        return signal_message(COMMAND_NAMES, np.array(values), now).encode()
+
+    def send(self, *messages):
+        """Sends messages, and gives the gate after them."""
+        for message in messages:
+            self.lcm.Publish(CHANNEL, message)
+        self.simulator.AdvanceTo(self.context.get_time() + 2 * LINK.period)
+        return self.gate.gate(self.context)
+
+    def sign(self, message):
+        return self.controller.sign(CHANNEL, message)
+
+
+def test_with_a_key_no_third_process_moves_the_arm_or_stops_it():
+    line = Line()
+    # Before anybody has armed it.
+    gate = line.send(line.message(A), Seal(bytes(32), bytes(16)).sign(CHANNEL, line.message(A)))
+    assert (gate.mode, gate.used) == (WAITING, ())
+    past = line.sign(line.message(A))
+    assert line.send(past).velocity == (0.1, 0.0, 0.0)
+    # In a session, with all that there is on the wire: forged, zero, garbage, replayed, and changed.
+    for k in range(1, 30):
+        now = line.sign(line.message(A, (0.1, 0.001 * k, 0.0)))
+        forged = line.message(B, (-0.2, 0.0, 0.0)), line.message(0, (0.0, 0.0, 0.0)), line.message(A, (0.0, 0.3, 0.0))
+        gate = line.send(*forged, b"garbage", b"", past, now, now, past, now[:-1] + b"?", *forged)
+        assert (gate.mode, gate.session, gate.velocity) == (LIVE, A, (0.1, 0.001 * k, 0.0))
+        past = now
+    assert gate.used == (A,)
+    assert line.tally.counts == {"not signed with the key": 2 + 29 * 9, "replayed or out of order": 29 * 3}
+
+
+def test_with_a_key_a_session_is_not_taken_over():
+    line = Line()
+    line.send(line.sign(line.message(A)))
+    gate = line.send(line.sign(line.message(B, (-0.2, 0.0, 0.0))), line.sign(line.message(A)))
+    assert (gate.mode, gate.session, gate.velocity) == (LIVE, A, (0.1, 0.0, 0.0))
+    assert line.tally.counts == {"of another session": 1}
+    # Whoever has the key may stop it, and what it stopped with moves nothing when it comes again.
+    stop = line.sign(line.message(0, (0.0, 0.0, 0.0)))
+    assert line.send(stop).mode == WAITING
+    assert line.send(line.sign(line.message(C))).session == C
+    assert line.send(stop, line.sign(line.message(C))).session == C
+
+
+def test_a_recorded_run_moves_nothing_after_the_driver_began_anew():
+    line, again = Line(), Line()
+    again.driver._run = bytes(range(16))
+    recorded = []
+    for _ in range(10):
+        recorded.append(line.sign(line.message(A)))
+        assert line.send(recorded[-1]).mode == LIVE
+    # The clock of the arm begins at 0 again: none of these has expired.
+    for message in recorded:
+        assert again.send(message).mode == WAITING
+    assert again.tally.counts == {"of another run of the driver": 10}
+
+
+def test_without_a_key_what_latches_it_is_counted():
+    line = Line()
+    gate = CommandGate(line.lcm, LINK, FASTEST, tally := Tally())
+    simulator = Simulator(gate)
+    context = simulator.get_context()
+    for message in (line.message(A), line.message(B)):
+        line.lcm.Publish(CHANNEL, message)
+    line.lcm.HandleSubscriptions(0)
+    simulator.AdvanceTo(LINK.period)
+    assert is_latched(gate.gate(context), SECOND_SESSION)
+    assert tally.counts == {"commands of two sessions came": 1}
+
+
+def test_an_exception_in_the_gate_latches_it(monkeypatch):
+    line = Line()
+    assert line.send(line.sign(line.message(A))).mode == LIVE
+
+    def fail(*_):
+        raise RuntimeError("on purpose")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(gate_module, "take_command", fail)
+        assert is_latched(line.send(line.sign(line.message(A))), MALFORMED)
+    assert line.tally.line(0.0).endswith("RuntimeError: on purpose")
+    assert is_latched(line.send(line.sign(line.message(A))), MALFORMED)

@@ -121,6 +121,21 @@ def test_disarmed_a_fault_is_told_and_forgotten(wrong, words):
     assert (bench.output("status").state, bench.output("status").reason) == ("disarmed", "")
 
 
+def test_an_exception_outside_of_the_policy_latches(monkeypatch):
+    bench = Bench()
+    bench.controller.Arm(bench.context)
+    bench.run(0.0)
+
+    def fail(*_):
+        raise RuntimeError("on purpose")
+
+    monkeypatch.setattr(bench.controller._pilot, "look", fail)
+    bench.run(0.04)
+    assert bench.output("status").state == "latched"
+    assert bench.output("status").reason == "controller failed: RuntimeError: on purpose"
+    np.testing.assert_array_equal(bench.output("pusher_velocity_W"), np.zeros(3))
+
+
 def test_an_image_older_than_the_last_is_a_fault():
     bench = Bench()
     bench.controller.Arm(bench.context)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The station with a robot behind it: the ports, and what goes over LCM."""
 
+import dataclasses
 import io
 import threading
 import time
@@ -16,8 +17,10 @@ from pydrake.systems.analysis import Simulator
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.systems.arm.messages import image_message
 from pinwm_drake.systems.engines.engine import ContactForces
+from pinwm_drake.systems.engines.lcm import receiver
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
+from pinwm_drake.systems.engines.lcm.seal import Seal
 from pinwm_drake.systems.engines.lcm.signal import signal_message
 from pinwm_drake.systems.scenario.schema import LcmLink, load_scenario
 from pinwm_drake.systems.scenario.start import Place
@@ -32,10 +35,16 @@ STATE = np.array([0.1, -0.2, 0.05, 0.0, 0.1, 0.0])
 class Robot:
     """A station with the engine "lcm" that is told to move, its simulator, and the other end of the line."""
 
-    def __init__(self, armed=False):
+    def __init__(self, armed=False, key=None):
         self.lcm, self.commands, self.session = DrakeLcm("memq://"), [], 0.0
+        self.raw, self.seal = [], None if key is None else Seal(key.read_bytes(), bytes(range(16, 32)))
         self.lcm.Subscribe(LINK.command_channel, lambda raw: self.commands.append(lcmt_drake_signal.decode(raw)))
-        self.station = make_station(setup_of(), "lcm", lcm=self.lcm, armed=armed)
+        self.lcm.Subscribe(LINK.command_channel, self.raw.append)
+        setup = setup_of()
+        link = dataclasses.replace(setup.scenario.lcm, key_file=None if key is None else str(key))
+        setup = dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, lcm=link))
+        self.station = make_station(setup, "lcm", lcm=self.lcm, armed=armed)
+        self.tally = self.station.engine.handle.tally
         self.simulator = Simulator(self.station)
         self.context = self.simulator.get_mutable_context()
         self.station.GetInputPort("pusher_velocity_W").FixValue(self.context, [0.1, -0.05, 0.0])
@@ -50,7 +59,7 @@ class Robot:
         message.val = [*state, self.session, -1.0 if sequence is None else sequence, float(mode), 0.0]
         message.dim, message.coord = 10, [""] * 10
         message.timestamp = round(1e6 * stamp)
-        self.lcm.Publish(LINK.state_channel, message.encode())
+        self.publish(LINK.state_channel, message.encode())
 
     def show(self, stamp, picture):
         height, width, _ = picture.shape
@@ -62,7 +71,10 @@ class Robot:
         message = lcmt_image_array()
         message.header.utime = round(1e6 * stamp)
         message.num_images, message.images = 1, [image]
-        self.lcm.Publish(LINK.image_channel, message.encode())
+        self.publish(LINK.image_channel, message.encode())
+
+    def publish(self, channel, message):
+        self.lcm.Publish(channel, message if self.seal is None else self.seal.sign(channel, message))
 
     def read(self, name):
         return output(self.station, self.context, name)
@@ -287,3 +299,106 @@ def test_a_scenario_names_the_channels(tmp_path):
     path.write_text("object: t_block\nlcm: {timeout: 0}\n")
     with pytest.raises(InputError, match=r"lcm\.timeout.*0\.001 to 10"):
         load_scenario(path)
+
+
+@pytest.fixture
+def key(tmp_path):
+    path = tmp_path / "robot.key"
+    path.write_bytes(bytes(range(32)))
+    path.chmod(0o600)
+    return path
+
+
+def test_with_a_key_forged_states_and_images_are_dropped_and_counted(key):
+    robot, picture = Robot(key=key), np.zeros((80, 96, 4), np.uint8)
+    picture[:40, :, 3] = 255
+    forger = Robot()  # its messages are not signed
+    forger.lcm = robot.lcm
+    robot.say(1.0)
+    robot.show(0.99, picture)
+    robot.simulator.AdvanceTo(0.02)
+    rgb = robot.read("rgb").data.copy()
+    assert (rgb[:40] == [0, 0, 0, 255]).all()
+    for k in range(1, 20):
+        robot.say(1.0 + 0.01 * k)
+        forger.say(0.5, 9 * STATE)
+        forger.show(1.0, picture + 7)
+        robot.lcm.Publish(LINK.state_channel, b"garbage")
+        robot.simulator.AdvanceTo(0.02 + 0.01 * k)
+        assert (robot.read("pusher_state") == STATE).all()
+        assert (robot.read("rgb").data == rgb).all()
+        assert robot.read("fault") == ""
+    assert robot.tally.counts == {"not signed with the key": 3 * 19}
+
+
+def test_with_a_key_commands_and_the_last_zero_are_signed(key):
+    robot = Robot(armed=True, key=key)
+    robot.say(1.0)
+    robot.simulator.AdvanceTo(0.02)
+    robot.begin(77)
+    robot.simulator.AdvanceTo(0.05)
+    robot.station.engine.handle.SendStop(0.05)
+    robot.lcm.HandleSubscriptions(0)
+    channel = LINK.command_channel
+    checked = [robot.seal.verify(channel, raw) for raw in robot.raw]
+    # The first was sent before it had heard of the driver.
+    assert checked[0][1] == "of another run of the driver"
+    assert {reason for _, reason in checked[3:]} == {""}
+    values = [list(lcmt_drake_signal.decode(message).val) for message, _ in checked[3:]]
+    assert values[-2][:4] == [0.1, -0.05, 0.0, 77.0]
+    assert values[-1] == [0.0] * 6
+
+
+def test_in_a_session_nobody_takes_the_place_of_the_driver(key):
+    robot = Robot(armed=True, key=key)
+    robot.say(1.0)
+    robot.simulator.AdvanceTo(0.02)
+    robot.begin(77)
+    other = Robot(key=key)  # an earlier run of the driver, which somebody has recorded
+    other.lcm, other.seal = robot.lcm, Seal(key.read_bytes(), bytes(range(16)))
+    for k in range(1, 30):
+        other.say(0.5 + 0.01 * k, 9 * STATE)
+        robot.simulator.AdvanceTo(0.02 + 0.01 * k)
+    assert robot.tally.counts == {"of another run of the driver": 29}
+    assert np.isnan(robot.read("pusher_state")).all()
+    robot.begin(0)
+    other.say(0.9)
+    robot.simulator.AdvanceTo(0.4)
+    assert (robot.read("pusher_state") == STATE).all()
+
+
+def test_an_exception_in_handling_is_a_fault_that_stays_in_a_session(monkeypatch):
+    robot = Robot(armed=True)
+    robot.say(1.0)
+    robot.simulator.AdvanceTo(0.02)
+    robot.begin(77)
+    robot.simulator.AdvanceTo(0.03)
+
+    def fail(*_):
+        raise RuntimeError("on purpose")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(receiver, "hear_state", fail)
+        robot.say(1.03)
+        robot.simulator.AdvanceTo(0.05)
+    assert robot.read("fault") == "message cannot be handled: RuntimeError: on purpose"
+    robot.say(1.05)
+    robot.simulator.AdvanceTo(0.07)
+    assert robot.read("fault").startswith("message cannot be handled")
+    assert robot.tally.counts == {"cannot be handled": 1}
+
+
+def test_bad_images_are_counted():
+    robot = Robot()
+    for k in range(3):
+        robot.show(1.0 + k, np.zeros((8, 9, 4), np.uint8))
+        robot.simulator.AdvanceTo(0.01 * (k + 1))
+    words = "messages not used: 3 images that cannot be used; the last: PINWM_IMAGES, image has 9 by 8 px"
+    assert robot.tally.line(0.0) == f"{words}; allowed: 96 by 80"
+
+
+def test_a_place_beyond_a_kilometre_is_a_fault():
+    robot = Robot()
+    robot.say(1.0, [0.0, 1e308, 0.0, 0.0, 0.0, 0.0])
+    robot.simulator.AdvanceTo(0.02)
+    assert robot.read("fault") == "robot's state has 1e+308; allowed: 1000 m or m/s at most"
