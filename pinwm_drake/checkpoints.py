@@ -3,7 +3,6 @@
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,9 +12,10 @@ import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
+from pinwm_drake.reading.arrays import read_npz
+from pinwm_drake.reading.trees import parse_json
 
-# Errors that broken archives, members and texts lead to.
-_UNREADABLE = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError, zipfile.BadZipFile)
+_DIGEST = "sha256 of the arrays"  # entry of what a file holds as "about"
 
 
 @runtime_checkable
@@ -43,6 +43,7 @@ def write_arrays(
     Raises:
         InputError: It cannot be written; the earlier one stays.
     """
+    about = {**about, _DIGEST: _digest_of_named(arrays)}
     with replacing(path) as temporary:
         save = np.savez_compressed if compressed else np.savez
         save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
@@ -57,16 +58,56 @@ def load_arrays(path: Path, allowed: str, *, told: bool = True) -> tuple[dict[st
         told: Flag: there has to be an "about".
 
     Raises:
-        InputError: It cannot be read.
+        InputError: It cannot be read, or its arrays are not those that it was written with.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        if not all(isinstance(array, np.ndarray) for array in arrays.values()):
-            raise ValueError("a member that is no array")
-        return arrays, dict(json.loads(str(arrays.pop("about")))) if told else {}
-    except _UNREADABLE as error:
-        raise InputError(path, value=f"unreadable contents ({error})", allowed=allowed) from error
+    arrays = read_npz(path, allowed)
+    if not told:
+        return arrays, {}
+    about = parse_json(str(arrays.pop("about", "")), path)
+    if not isinstance(about, dict):
+        raise InputError(path, value=f"about = {about}", allowed=allowed)
+    digest = about.pop(_DIGEST, None)  # files of version 0.1 have none
+    if digest is not None and digest != (found := _digest_of_named(arrays)):
+        raise InputError(path, value=f"arrays with SHA-256 {found[:12]}", allowed=f"{str(digest)[:12]}, as written")
+    return arrays, about
+
+
+def _digest_of_named(arrays: Mapping[str, np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(array.tobytes() if array.dtype.kind == "U" else array.data)
+    return digest.hexdigest()
+
+
+def check_arrays(
+    path: Path, arrays: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[str, tuple[int | None, ...]]], work: str
+) -> None:
+    """Check kinds and shapes of arrays, and that numbers are finite.
+
+    Args:
+        path: File of the arrays.
+        arrays: The arrays.
+        wanted: Letters of the kinds that numpy may have, such as "iu", and shape of each; None for any length.
+        work: Name of the work in messages.
+
+    Raises:
+        InputError: An array is missing, of another kind or shape, or holds a number that is not finite.
+    """
+    for name, (kinds, shape) in wanted.items():
+        if name not in arrays:
+            raise InputError(path, value=f"no array {name}", allowed=f"a checkpoint of `{work}`")
+        array = arrays[name]
+        fits = len(array.shape) == len(shape) and all(
+            length in (None, found) for length, found in zip(shape, array.shape, strict=True)
+        )
+        if not fits or array.dtype.kind not in kinds:
+            words = ", ".join("n" if length is None else str(length) for length in shape)
+            value = f"{name} of {array.dtype} {array.shape}"
+            raise InputError(path, value=value, allowed=f"numbers ({words}), as the settings of this `{work}` have it")
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise InputError(path, value=f"{name} with a number that is not finite", allowed="finite numbers")
 
 
 def digest_of(arrays: Iterable[np.ndarray]) -> str:
@@ -84,7 +125,7 @@ def generator_state(generator: np.random.Generator) -> np.ndarray:
 
 def set_generator_state(generator: np.random.Generator, state: np.ndarray) -> None:
     """Put a generator of the same kind into a state (n,) uint8 that `generator_state` gave."""
-    generator.bit_generator.state = json.loads(str(state))
+    generator.bit_generator.state = parse_json(str(state), Path("state of a generator"))
 
 
 def read_arrays(

@@ -3,7 +3,6 @@
 
 import json
 import math
-import re
 import reprlib
 import warnings
 from dataclasses import dataclass
@@ -11,10 +10,11 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.contents import read_text
+from pinwm_drake.reading.trees import MOST_JSON, MOST_YAML, parse_json, parse_yaml
 from pinwm_drake.validation import Problem, all_problems, first_problem, place
 
 LONGEST_TEXT = 1000  # characters: names and paths
@@ -23,15 +23,6 @@ _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 # Documents may hold lists in lists in lists, the same one many times: a message shows the outermost.
 _shortened = reprlib.Repr()
 _shortened.maxlevel, _shortened.maxlist, _shortened.maxdict, _shortened.maxstring = 2, 6, 4, 20
-
-
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
-    """Plain YAML data; numbers such as 1e-3 are numbers (YAML 1.1 takes them for text)."""
-
-
-# Tag, pattern and first characters of such numbers, for PyYAML's `add_implicit_resolver`.
-YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
-_Loader.add_implicit_resolver(*YAML_FLOAT)
 
 
 class Document(BaseModel):
@@ -268,60 +259,18 @@ def read_json(path: Path) -> Entry:
     """Read a JSON file as a document.
 
     Raises:
-        InputError: It is missing, unreadable or not JSON; the message names the line.
+        InputError: It is missing, unreadable, not JSON, too long or too deep; the message names the line.
     """
-    text = read_text(path)
-    try:
-        return Entry(path, "", json.loads(text))
-    except json.JSONDecodeError as error:
-        raise InputError(path, row=error.lineno, value=error.msg, allowed="JSON") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(path, value=str(error), allowed="JSON") from error
+    return Entry(path, "", parse_json(read_text(path, MOST_JSON), path))
 
 
 def read_yaml(path: Path) -> Entry:
     """Read a YAML file of plain data.
 
     Raises:
-        InputError: It is missing, unreadable or not YAML; the message names the line.
+        InputError: It is missing, unreadable, not YAML, too long or too deep; the message names the line.
     """
-    text = read_text(path)
-    try:
-        return Entry(path, "", yaml.load(text, _Loader))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise InputError(path, row=mark.line + 1 if mark else None, value=problem, allowed="YAML") from error
-    except Exception as error:  # a text that its tag or its form does not fit: KeyError, AttributeError, ValueError ...
-        raise InputError(path, value=f"{type(error).__name__}: {error}", allowed="YAML") from error
-
-
-def read_bytes(path: Path) -> bytes:
-    """Return the contents of a file.
-
-    Raises:
-        InputError: It is missing or unreadable.
-    """
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file in UTF-8, without a byte-order mark.
-
-    Raises:
-        InputError: It is missing, unreadable or in another encoding.
-    """
-    try:
-        if path.exists() and not path.is_file():  # reading a device or a pipe might not end
-            raise InputError(path, value="something that is no file", allowed="a file that can be read")
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, value=f"a byte that is not text at {error.start}", allowed="text in UTF-8") from error
+    return Entry(path, "", parse_yaml(read_text(path, MOST_YAML), path))
 
 
 def _quoted(value: object) -> str:

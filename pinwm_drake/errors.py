@@ -8,9 +8,18 @@ import importlib.util
 import os
 from typing import Any
 
+_LONGEST = 280  # characters of a message: with the name of a command before it, a line is within 300
+_CUT = " ... "
+_MOST_READ = 10_000  # characters that are looked at
+_LEAST = 60  # characters of a value that stay, however long path and allowed values are
+
 
 class PinwmError(Exception):
-    """Base of every error that pinwm_drake raises about what it was given."""
+    """Base of every error that pinwm_drake raises about what it was given; a message is one line, not too long."""
+
+    def __init__(self, message: object = "") -> None:
+        """Error with a message, of which line breaks go, and the middle where it is too long."""
+        super().__init__(_shortened(one_line(message), _LONGEST))
 
 
 class GeometryError(PinwmError):
@@ -83,8 +92,10 @@ class InputError(PinwmError):
         self.row = row
         self.value = value
         self.allowed = allowed
-        where = self.path if row is None else f"{self.path}, row {row}"
-        found = "" if value is None else f"got {value}; "
+        where = one_line(self.path if row is None else f"{self.path}, row {row}")
+        allowed = one_line(allowed)
+        left = _LONGEST - len(where) - len(allowed) - len(": got ; allowed: ")
+        found = "" if value is None else f"got {_shortened(one_line(value), max(left, _LEAST))}; "
         if found.lower().startswith("got no "):  # it says what happened, and is no value that was given
             found = f"no {found[7:]}"
         super().__init__(f"{where}: {found}allowed: {allowed}")
@@ -93,6 +104,20 @@ class InputError(PinwmError):
         """Return constructor and arguments, for another process; a value goes as text."""
         value = None if self.value is None else str(self.value)
         return _input_error, (type(self), self.path, self.allowed, self.row, value)
+
+
+def one_line(text: object) -> str:
+    """Return a text on one line, with escapes for what cannot be printed."""
+    words = " ".join(str(text)[:_MOST_READ].split())
+    return words if words.isprintable() else "".join(one if one.isprintable() else ascii(one)[1:-1] for one in words)
+
+
+def _shortened(text: str, length: int) -> str:
+    """Return a text without its middle where it is longer than `length`; the end says what is allowed."""
+    if len(text) <= length:
+        return text
+    end = (length - len(_CUT)) // 3
+    return f"{text[: length - len(_CUT) - end]}{_CUT}{text[-end:]}"
 
 
 def require(name: str, value: object, allowed: bool, range_in_words: str) -> None:

@@ -5,8 +5,9 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_bytes, schema_version
+from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.contents import read_bytes
 
 
 class Part(Document):

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Tables of an episode: times of its images, poses of the pusher and of the object."""
 
-import csv
-import io
 import math
 import os
 import re
@@ -15,8 +13,9 @@ import numpy as np
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
 from pinwm_drake.capture.scene import FARTHEST, UNIT_NORM
-from pinwm_drake.documents import LONGEST_TEXT, read_text
+from pinwm_drake.documents import LONGEST_TEXT
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.tables import read_rows
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")
@@ -94,12 +93,8 @@ def read_table(
         InputError: The file cannot be read, has other columns, or no rows; the message names the line.
     """
     allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
-    try:
-        header = [name.strip() for name in next(reader, [])]
-        rows = [(reader.line_num, cells) for cells in reader]
-    except csv.Error as error:
-        raise InputError(path, row=reader.line_num, value=str(error), allowed="comma-separated values") from error
+    (_, names), *rows = read_rows(path) or [(1, [])]
+    header = [name.strip() for name in names]
     while rows and not rows[-1][1]:
         rows.pop()  # empty lines at the end
     if sorted(header) not in (sorted(columns), sorted((*columns, *optional))):

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Images of an object: colour on white, and the mask of the pixels that show it."""
 
-import warnings
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.pictures import opened_picture
 from pinwm_drake.rendering.camera import Camera
 
 _MODES = ("1", "L", "RGB", "P", "RGBA", "LA", "PA")  # 8 bits a channel, or less
@@ -68,21 +67,10 @@ def read_size(path: Path) -> tuple[int, int]:
 def _read(path: Path, mode: str) -> np.ndarray:
     """Return the pixels of a file converted to a mode: (height, width) or (height, width, channels) uint8."""
     require_file(path, "an image file")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                if image.mode not in _MODES:
-                    raise InputError(path, value=f"mode {image.mode}", allowed="8 bits a channel, grey or RGB")
-                return np.asarray(image.convert(mode))
-    except UnidentifiedImageError as error:
-        raise InputError(path, value="contents that are no image", allowed="PNG, JPEG or another image") from error
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise InputError(path, value=str(error), allowed=f"at most {Image.MAX_IMAGE_PIXELS} pixels") from error
-    except InputError:
-        raise
-    except Exception as error:  # the decoders raise OSError, SyntaxError, ValueError, struct.error, EOFError ...
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a whole image file") from error
+    with opened_picture(path) as image:
+        if image.mode not in _MODES:
+            raise InputError(path, value=f"mode {image.mode}", allowed="8 bits a channel, grey or RGB")
+        return np.asarray(image.convert(mode))
 
 
 def size_of(image: np.ndarray) -> str:

@@ -13,8 +13,8 @@ import torch
 from pinwm_drake.checkpoints import load_arrays, write_arrays
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw, Cousins, twin_shape
 from pinwm_drake.cousins.theta import KEYS
-from pinwm_drake.documents import read_bytes
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.twin.rollout import NO_EFFECT
 from pinwm_drake.twin.twin import Twin
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Triangle meshes: reading them with checks, and their mass properties."""
 
-import io
 import os
 import warnings
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ import trimesh
 from pinwm_drake.errors import GeometryError, InputError, PinwmError
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
+from pinwm_drake.reading.meshes import read_mesh, read_objects
 
 # Extents [m] beyond which a file is taken to be in another unit: objects on a table are in between.
 _LARGEST, _SMALLEST = 5.0, 1e-3
@@ -143,10 +143,8 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
     if not path.is_file():
         value = "a folder" if path.is_dir() else "no such file"
         raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply or .glb")
-    try:
-        objects = _read_obj(path) if path.suffix.lower() == ".obj" else [trimesh.load_mesh(path)]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise InputError(path, value=f"unreadable contents ({error})", allowed="a triangle mesh") from error
+    obj = path.suffix.lower() == ".obj"
+    objects = [trimesh.Trimesh(*one, process=False) for one in read_objects(path)] if obj else [read_mesh(path)]
     objects = [mesh for mesh in objects if len(mesh.faces)]
     if not objects:
         raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
@@ -175,19 +173,3 @@ def _read_parts(path: Path) -> list[trimesh.Trimesh]:
         if volume < 0.0:
             part.invert()
     return parts
-
-
-def _read_obj(path: Path) -> list[trimesh.Trimesh]:
-    """Return the objects of an OBJ file in its order (trimesh returns them in another)."""
-    text = path.read_text()
-    loaded = trimesh.exchange.obj.load_obj(
-        io.StringIO(text), split_objects=True, skip_materials=True, maintain_order=True
-    )
-    blocks = loaded.get("geometry", {"": loaded})
-    names = [line[2:].strip() for line in text.splitlines() if line.startswith("o ")]
-    order = {name: number for number, name in reversed(list(enumerate(names)))}
-    meshes = []
-    for name in sorted(blocks, key=lambda name: order.get(name, len(order))):
-        faces = blocks[name].get("faces", np.zeros((0, 3), int))
-        meshes.append(trimesh.Trimesh(blocks[name]["vertices"], faces, process=False))
-    return meshes

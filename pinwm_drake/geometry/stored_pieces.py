@@ -3,7 +3,6 @@
 
 import hashlib
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +14,8 @@ from pinwm_drake.geometry.convex import decompose
 from pinwm_drake.geometry.meshes import load_mesh, load_pieces
 from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import convex_hull
+from pinwm_drake.reading.arrays import read_npz
+from pinwm_drake.reading.contents import read_bytes
 
 # Folder of pieces beside a mesh, one OBJ file each.
 BESIDE = "pieces"
@@ -48,7 +49,7 @@ def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
     beside = sorted((path.parent / BESIDE).glob("*.obj"))
     if beside and _belong(pieces := [piece for file in beside for piece in load_pieces(file)], mesh):
         return pieces
-    store = cache_folder() / f"{hashlib.sha256(_WAY + path.read_bytes()).hexdigest()}.npz"
+    store = cache_folder() / f"{hashlib.sha256(_WAY + read_bytes(path)).hexdigest()}.npz"
     stored = _read(store)
     if stored is None:
         stored = [piece.vertices for piece in decompose(mesh)]
@@ -73,9 +74,9 @@ def _belong(pieces: list[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
 def _read(path: Path) -> list[np.ndarray] | None:
     """Vertices of stored pieces, or None where there are none that can be read."""
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            vertices, counts = arrays["vertices"], arrays["counts"]
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        arrays = read_npz(path, "pieces of a mesh")
+        vertices, counts = arrays["vertices"], arrays["counts"]
+    except (InputError, KeyError):
         return None
     return np.split(vertices, np.cumsum(counts)[:-1])
 

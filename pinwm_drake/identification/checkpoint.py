@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays, write_arrays
+from pinwm_drake.errors import InputError
 from pinwm_drake.identification.adam import AdamState
 from pinwm_drake.identification.history import Log
 
@@ -19,7 +20,9 @@ CHECKPOINT_FILE = "identify_checkpoint.npz"
 class Checkpoint:
     """The memory of one search, in a file where there is a folder for it."""
 
-    def __init__(self, folder: Path | None, about: Mapping[str, object], *, resume: bool, every: int) -> None:
+    def __init__(
+        self, folder: Path | None, about: Mapping[str, object], *, resume: bool, every: int, size: int | None = None
+    ) -> None:
         """Checkpoint without contents, or as an earlier run left it.
 
         Args:
@@ -27,6 +30,7 @@ class Checkpoint:
             about: Inputs that the search depends on; a checkpoint of another search is refused.
             resume: Whether to go on from the file, if there is one.
             every: Steps of Adam between two writes.
+            size: Number of unknowns; None where they are not known.
 
         Raises:
             InputError: The checkpoint is of another search, or cannot be read.
@@ -37,7 +41,8 @@ class Checkpoint:
         self.log = Log()
         self.begun = time.monotonic()
         stored = read_arrays(self.path, self.about, "identify", ["seconds"]) if self.path and resume else None
-        if stored is not None:
+        if stored is not None and self.path is not None:
+            _check(self.path, stored, size)
             self.begun -= float(stored.pop("seconds"))
             self.log = Log({name: stored.pop(f"log.{name}") for name in self.log.arrays()})
             self.done = stored
@@ -76,3 +81,28 @@ class Checkpoint:
             return
         history = {f"log.{name}": array for name, array in self.log.arrays().items()}
         write_arrays(self.path, self.about, {**self.done, **extra, **history, "seconds": np.array(self.seconds)})
+
+
+def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> None:
+    """Raise InputError where arrays of a checkpoint do not fit the number of unknowns, or each other."""
+    n = len(np.atleast_1d(arrays.get("log.loss", np.zeros(0))))
+    wanted: dict[str, tuple[str, tuple[int | None, ...]]] = {
+        "seconds": ("f", ()),
+        "log.iteration": ("i", (n,)),
+        "log.stage": ("U", (n,)),
+        "log.start": ("i", (n,)),
+    }
+    if n:
+        wanted["log.theta"] = ("f", (n, size))
+    for name, array in arrays.items():
+        field, W = name.rpartition(".")[2], len(np.atleast_1d(array))
+        if field in ("z", "first", "second", "best_z"):
+            wanted[name] = ("f", (size,) if array.ndim == 1 else (W, size))
+        elif field == "iteration" and name != "log.iteration":
+            wanted[name] = ("i", ())
+        elif field == "corrections":
+            wanted[name] = ("f", (None,) * array.ndim)
+    check_arrays(path, arrays, wanted, "identify")
+    for name, array in arrays.items():
+        if name.rpartition(".")[2] in ("loss", "best_loss", "objective", "scale") and array.dtype.kind != "f":
+            raise InputError(path, value=f"{name} of {array.dtype}", allowed="numbers")

@@ -163,7 +163,9 @@ class Search:
         """Read the checkpoint, to go on, as `Checkpoint` does; `report` is called after each step."""
         self.task, self.options, self.report = task, options, report
         self.coordinates = task.coordinates
-        self.kept = Checkpoint(folder, about, resume=resume, every=options.checkpoint_every)
+        self.kept = Checkpoint(
+            folder, about, resume=resume, every=options.checkpoint_every, size=len(self.coordinates.names)
+        )
         self._sketched: Problem | None = None
 
     def run(self) -> Found:

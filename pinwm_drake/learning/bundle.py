@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""A policy bundle: a folder that holds all that a controller needs, and that onnxruntime alone runs.
+"""A policy bundle: a folder that holds all that a controller needs, and that onnxruntime runs, after a check by onnx.
 
     policy.onnx       the network: images and the pusher's position in; translation in metres and estimate out
     contract.yaml     inputs, outputs and limits (`contract.py`)
@@ -12,7 +12,8 @@ Neither torch nor Stable-Baselines3 nor Drake is imported here.
 import hashlib
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,9 +29,14 @@ from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.models import policy_path
+from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.reading.network import within
+from pinwm_drake.reading.trees import parse_json, parse_yaml
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
 HASHED = (ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE)
+_MOST_BYTES = 2**28  # of a file
+_LONGEST_CHECK = 8.0  # s, for loading and all golden samples
 _AS_WRITTEN = "a bundle that `pinwm export` wrote"
 
 
@@ -167,8 +173,13 @@ def read_bundle(bundle: str | Path) -> Bundle:
         name, found, wanted = differs
         allowed = f"{wanted}, which follows from {GOLDEN_FILE}"
         raise InputError(folder / CONTRACT_FILE, value=f"{name}: {found}", allowed=allowed)
-    network = Network(files[ONNX_FILE], folder / ONNX_FILE, contract)
-    check_golden(folder / GOLDEN_FILE, network, golden)
+
+    def checked() -> Network:
+        network = Network(files[ONNX_FILE], folder / ONNX_FILE, contract)
+        check_golden(folder / GOLDEN_FILE, network, golden)
+        return network
+
+    network = within(_LONGEST_CHECK, checked, folder / ONNX_FILE)
     return Bundle(spec, limits, contract, provenance, provenance["sha256"], network, golden.mask_pixels())
 
 
@@ -191,7 +202,8 @@ def write_bundle(folder: Path, files: Mapping[str, bytes], provenance: Mapping[s
     """
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     # As it will be read.
-    document = json.loads(json.dumps({**provenance, "files": hashes, "sha256": None}, default=str))
+    given = json.dumps({**provenance, "files": hashes, "sha256": None}, default=str)
+    document = parse_json(given, folder / PROVENANCE_FILE)
     document["sha256"] = provenance_hash(document)
     text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
     with appearing(folder) as temporary:
@@ -229,12 +241,9 @@ def provenance_hash(document: Mapping[str, Any]) -> str:
 
 
 def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except FileNotFoundError as error:
-        raise InputError(path, value="no such file", allowed=_AS_WRITTEN) from error
-    except OSError as error:
-        raise InputError(path, value=error.strerror, allowed="a file that can be read") from error
+    if not os.path.lexists(path):
+        raise InputError(path, value="no such file", allowed=_AS_WRITTEN)
+    return read_bytes(path, _MOST_BYTES)
 
 
 def _hashed(path: Path, sha256: str) -> bytes:
@@ -242,17 +251,13 @@ def _hashed(path: Path, sha256: str) -> bytes:
     content = _content(path)
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
-        allowed = f"{sha256}, as {PROVENANCE_FILE} has it; export the policy again"
-        raise InputError(path, value=f"other contents, {len(content)} bytes with SHA-256 {found}", allowed=allowed)
+        allowed = f"{str(sha256)[:12]}, as {PROVENANCE_FILE} has it; export the policy again"
+        raise InputError(path, value=f"other contents, {len(content)} bytes with SHA-256 {found[:12]}", allowed=allowed)
     return content
 
 
-def _document(path: Path, content: bytes, parse: Callable[[str], Any]) -> dict[str, Any]:
+def _document(path: Path, document: Any) -> dict[str, Any]:
     """Return a document of the present version."""
-    try:
-        document = parse(content.decode())
-    except (ValueError, yaml.YAMLError) as error:  # JSON's or UTF-8's, or YAML's
-        raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
     if not isinstance(document, dict):
         raise InputError(path, value=f"a {type(document).__name__}", allowed=_AS_WRITTEN)
     version = document.get("schema_version")
@@ -263,19 +268,19 @@ def _document(path: Path, content: bytes, parse: Callable[[str], Any]) -> dict[s
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    document = _document(path, _content(path), json.loads)
+    document = _document(path, parse_json(_content(path), path))
     files = document.get("files")
     if not isinstance(files, dict) or set(files) != set(HASHED):
         given = sorted(files) if isinstance(files, dict) else files
         raise InputError(path, value=f"files: {given}", allowed=f"SHA-256 of {', '.join(HASHED)}")
     if document.get("sha256") != (found := provenance_hash(document)):
-        allowed = f"{document.get('sha256')}, its entry sha256; export the policy again"
-        raise InputError(path, value=f"other contents, with SHA-256 {found}", allowed=allowed)
+        allowed = f"{str(document.get('sha256'))[:12]}, its entry sha256; export the policy again"
+        raise InputError(path, value=f"other contents, with SHA-256 {found[:12]}", allowed=allowed)
     return document
 
 
 def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dict[str, Any]]:
-    document = _document(path, content, yaml.safe_load)
+    document = _document(path, parse_yaml(content, path))
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))

@@ -2,7 +2,6 @@
 """Golden samples of a bundle: inputs, and the policy's answers to them when it was exported."""
 
 import io
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +11,14 @@ import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.learning.contract import ESTIMATE, GOAL, IMAGE, POSITION, TRANSLATION
+from pinwm_drake.reading.arrays import parse_npz
 
 TOLERANCE = 1e-5  # m, of each component of a translation
 # Of each component of an estimate, relative where it is more than 1: as TOLERANCE, for lengths in units of 0.1 m.
 # Single precision rounds to 6e-8; sums of 4096 terms, with random signs, are off by 64 times as much.
 ESTIMATE_TOLERANCE = 1e-4
 _MOST = 0.5  # share of an image's pixels; more than that is no object, but one of the images of random blocks
+_MOST_BYTES = 2**28  # of all arrays
 _AS_WRITTEN = "golden samples that `pinwm export` wrote"
 
 
@@ -68,11 +69,7 @@ class Golden:
         Raises:
             InputError: It is no such file, or its arrays are not of the shapes and types of the contract.
         """
-        try:
-            with np.load(io.BytesIO(content), allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(path, value=f"unreadable contents ({error})", allowed=_AS_WRITTEN) from error
+        arrays = parse_npz(content, path, _AS_WRITTEN, most=_MOST_BYTES)
         entries = (*contract["inputs"], *contract["outputs"])
         kinds = {entry["name"]: (entry["dtype"], tuple(entry["shape"])) for entry in entries}
         if set(arrays) != set(kinds):

@@ -13,6 +13,7 @@ import yaml
 from torch import nn
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, state_actor
@@ -156,10 +157,7 @@ def read_parts(
     Raises:
         InputError: A file is missing, cannot be read, or does not fit the other.
     """
-    try:
-        document = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, value=error, allowed=allowed) from error
+    document = read_yaml(path).value
     if not isinstance(document, dict) or document.get("schema_version") != version:
         raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
     try:

@@ -25,7 +25,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 
 from pinwm_drake.checkpoints import Resumable, read_arrays, write_arrays
-from pinwm_drake.errors import ParameterError, require
+from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.policy import make_actor
@@ -33,6 +33,9 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import set_weights, weights
 from pinwm_drake.pace import Pace
+from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.tables import read_rows
+from pinwm_drake.reading.trees import parse_json
 
 CHECKPOINT_FILE, HISTORY_FILE = "checkpoint.npz", "history.csv"
 ROUND_FILE = "round.npz"  # the state of a round that is not done
@@ -94,11 +97,14 @@ ANY = Until()
 
 def minutes_of(folder: Path) -> float:
     """Minutes that a stage took, by its table of rounds; 0 where there is none."""
-    try:
-        rows = list(csv.DictReader((folder / HISTORY_FILE).open(newline="", encoding="utf-8")))
-    except FileNotFoundError:
+    path = folder / HISTORY_FILE
+    if not path.exists():
         return 0.0
-    return float(rows[-1]["seconds"]) / 60.0 if rows else 0.0
+    (_, header), *rows = read_rows(path) or [(1, [])]
+    try:
+        return float(rows[-1][1][header.index("seconds")]) / 60.0 if rows else 0.0
+    except (ValueError, IndexError) as error:
+        raise InputError(path, value=error, allowed="a table of rounds with their seconds") from error
 
 
 @dataclass(frozen=True)
@@ -160,6 +166,7 @@ class Rounds:
         stored = read_arrays(self.folder / CHECKPOINT_FILE, self._about, run.stage, ["history"]) if run.resume else None
         self.arrays = {} if stored is None else stored
         rows = self.arrays.pop("history", np.zeros((0, 6)))
+        _check_rows(self.folder / CHECKPOINT_FILE, rows, total)
         self.history = [Round(int(row[0]), int(row[1]), *(float(value) for value in row[2:])) for row in rows]
         best = [name for name in self.arrays if name.startswith(_BEST)]
         self._weights = {name.removeprefix(_BEST): self.arrays.pop(name) for name in best}
@@ -263,8 +270,9 @@ class Rounds:
             return None
         self._begun = time.monotonic() - float(arrays.pop("seconds", self.seconds))
         worlds = [name for name in arrays if name.startswith(_WORLDS)]
-        env.set_state({name.removeprefix(_WORLDS): arrays.pop(name) for name in worlds})
-        _set_generators(arrays)
+        with guarded(self.folder / ROUND_FILE, f"a checkpoint of `{self.stage}`"):
+            env.set_state({name.removeprefix(_WORLDS): arrays.pop(name) for name in worlds})
+            _set_generators(arrays)
         return arrays
 
     def end(
@@ -338,6 +346,9 @@ class Rounds:
         self._run.report(step)
 
 
+_STATE = Path("state of a generator")  # in messages
+
+
 def _generators() -> dict[str, np.ndarray]:
     legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002  # SB3 draws from it
     legacy["state"]["key"] = legacy["state"]["key"].tolist()
@@ -349,10 +360,24 @@ def _generators() -> dict[str, np.ndarray]:
 
 
 def _set_generators(arrays: Mapping[str, np.ndarray]) -> None:
-    version, words, gauss = json.loads(str(arrays["random.python"]))
+    version, words, gauss = parse_json(str(arrays["random.python"]), _STATE)
     random.setstate((version, tuple(words), gauss))
-    np.random.set_state(json.loads(str(arrays["random.numpy"])))  # noqa: NPY002
+    np.random.set_state(parse_json(str(arrays["random.numpy"]), _STATE))  # noqa: NPY002
     torch.set_rng_state(torch.from_numpy(arrays["random.torch"]))
+
+
+def _check_rows(path: Path, rows: np.ndarray, total: int) -> None:
+    """Raise InputError where rows of a checkpoint are not those of rounds 0, 1, 2 ... of `total`."""
+    fits = rows.dtype.kind == "f" and rows.ndim == 2 and rows.shape[1] == 6 and len(rows) <= total
+    if fits:
+        number, steps, success, seconds = rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 5]
+        fits = bool((number == np.arange(len(rows))).all() and (np.diff(steps, prepend=0.0) >= 0.0).all())
+        fits = fits and bool(
+            ((success >= 0.0) & (success <= 1.0)).all() and (np.diff(seconds, prepend=0.0) >= 0.0).all()
+        )
+    if not fits:
+        value = f"a history of {rows.dtype} {rows.shape} that is none of rounds"
+        raise InputError(path, value=value, allowed=f"a row for each round, {total} at most")
 
 
 def _table(history: list[Round]) -> str:

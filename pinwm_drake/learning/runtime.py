@@ -14,6 +14,7 @@ import onnxruntime
 
 from pinwm_drake.errors import InputError, StateError
 from pinwm_drake.learning.contract import ESTIMATE, GOAL, IMAGE, POSITION, TRANSLATION
+from pinwm_drake.reading.network import check_network
 
 _TYPES = {"tensor(uint8)": "uint8", "tensor(float)": "float32"}
 
@@ -32,6 +33,7 @@ class Network:
         Raises:
             InputError: onnxruntime cannot load it, or inputs and outputs are others.
         """
+        check_network(content, path)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 4  # errors are raised

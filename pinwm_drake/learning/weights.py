@@ -53,6 +53,11 @@ def set_weights(network: nn.Module, arrays: Mapping[str, np.ndarray]) -> None:
     Raises:
         ParameterError: They are not of this network.
     """
+    wrong = next(
+        (one for one, value in arrays.items() if value.dtype.kind not in "biuf" or not np.isfinite(value).all()), None
+    )
+    if wrong is not None:
+        raise ParameterError(f"weights: got {wrong} with a number that is not finite; allowed: finite numbers")
     try:
         network.load_state_dict({name: torch.from_numpy(value) for name, value in arrays.items()})
     except (RuntimeError, TypeError) as error:
@@ -79,7 +84,17 @@ def unpack(arrays: Mapping[str, np.ndarray], network: nn.Module, optimizer: torc
     for name, array in arrays.items():
         if name.startswith("adam."):
             _, number, key = name.split(".")
+            if not number.isdigit() or array.dtype.kind not in "iuf":
+                raise ParameterError(f"weights: got {name} of {array.dtype}; allowed: those of this network")
             state.setdefault(int(number), {})[key] = torch.from_numpy(array)
+    numbers = [one for group in optimizer.param_groups for one in group["params"]]
+    for index, tensors in state.items():
+        shape = numbers[index].shape if index < len(numbers) else None
+        for key, value in tensors.items():
+            if not bool(value.isfinite().all()) or value.shape not in (shape, ()):
+                raise ParameterError(
+                    f"weights: got adam.{number}.{key} of {tuple(value.shape)}; allowed: finite {shape}"
+                )
     try:
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     except (ValueError, KeyError) as error:

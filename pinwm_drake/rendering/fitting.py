@@ -3,6 +3,7 @@
 
 import hashlib
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,13 +13,13 @@ import torch
 import trimesh
 from torch import Tensor
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays, write_arrays
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
-from pinwm_drake.rendering.fit_state import CAMERA, FitState
+from pinwm_drake.rendering.fit_state import CAMERA, SURFEL, FitState
 from pinwm_drake.rendering.initial import initial_surfels
 from pinwm_drake.rendering.losses import SsimTarget, distortion_loss, normal_consistency, photometric
 from pinwm_drake.rendering.render import Rendering, render
@@ -33,11 +34,14 @@ CHECKPOINT_FILE = "checkpoint.npz"
 _VERSION = 1
 # These may change between a fit and its continuation.
 _FREE = ("checkpoint_every",)
+_ROWS: tuple[str, tuple[int | None, ...]] = ("f", (None, 3))
+_TESTS: tuple[str, tuple[int | None, ...]] = ("f", (None, 2))
 
 Progress = Callable[[int, int, float, float | None, int], None]
 Now = Callable[[], tuple[Surfels, tuple[float, float]]]
 """Function that gives the surfels of this moment, and the offset of the principal point [px]."""
 
+_MOST_FINER = 8  # times, a side, that a small image is rendered finer
 # An image that is met exactly has no PSNR; this one stands for it, dB.
 _MOST_PSNR = 100.0
 
@@ -131,6 +135,24 @@ def fit(
         )
 
 
+def finer_by(views: Sequence[View]) -> dict[str, int]:
+    """How many times finer the views of a fit are rendered, a side, by their names: 1, and more for small images.
+
+    A pixel of a small image is the mean of what it covers, which several pixels of a large one show. A rendering has
+    one ray in each pixel: at the size of the small image it would spoil detail that large images show.
+    """
+    lengths = {view.name: float(view.camera.intrinsics[:2].double().prod().sqrt()) for view in views}
+    return {name: min(round(max(lengths.values()) / length), _MOST_FINER) for name, length in lengths.items()}
+
+
+def pooled(color: Tensor, finer: int) -> Tensor:
+    """Means (H, W, 3) of the squares of `finer` x `finer` pixels of an image (finer H, finer W, 3)."""
+    if finer == 1:
+        return color
+    H, W = color.shape[0] // finer, color.shape[1] // finer
+    return color.reshape(H, finer, W, finer, 3).mean((1, 3))
+
+
 def psnr(mean_square: float) -> float:
     """Peak signal-to-noise ratio in dB of images with a mean squared difference; 100 for equal ones."""
     return min(-10.0 * float(np.log10(mean_square)), _MOST_PSNR) if mean_square > 0.0 else _MOST_PSNR
@@ -152,14 +174,14 @@ def _describe(views: Sequence[View], mesh: trimesh.Trimesh, options: FitOptions,
 class _Target:
     """The box around the object in a view, at one size, and what the loss needs of it."""
 
-    def __init__(self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int) -> None:
+    def __init__(self, view: View, corners: Tensor, margin: int, factor: float, num_threads: int, finer: int) -> None:
         box = view.object_box(corners, margin)
         self.view = view.cropped(*box)
         # Outside its box an image is taken to be met exactly, which matters for the PSNR on the way only.
         self.share = box[2] * box[3] / (view.camera.width * view.camera.height)
         if factor < 1.0:
             self.view = self.view.scaled(factor)
-        self.factor, self.camera = factor, view.camera
+        self.factor, self.camera, self.finer = factor, view.camera, finer
         self.R_CO = quaternion_to_matrix(view.X_CO.q).float()
         self.p_CO = view.X_CO.p.float()
         self.ssim = SsimTarget(self.view.image, num_threads)
@@ -183,8 +205,13 @@ class _Fit:
         corners = self.corners = torch.from_numpy(np.array(mesh.vertices))
         self.radius = half_diagonal(mesh)
         margin = options.margin
+        self.finer = finer_by(train + test)
+        if small := sum(finer > 1 for finer in self.finer.values()):
+            total = len(self.finer)
+            words = f"{small} of {total} images are small, which costs quality; use images of one size"
+            warnings.warn(words, stacklevel=2)
         self.targets = {
-            factor: [_Target(view, corners, margin, factor, threads) for view in train]
+            factor: [_Target(view, corners, margin, factor, threads, self.finer[view.name]) for view in train]
             for factor in ((1.0, 0.5) if options.coarse > 0.0 else (1.0,))
         }
         middles = [view.project(corners)[1].mean() / view.camera.intrinsics[0] for view in train]
@@ -238,12 +265,14 @@ class _Fit:
         surfels = state.surfels(options.degree(iteration))
         full = iteration % options.geometry_every == 0 and (options.distortion > 0.0 or options.normal > 0.0)
         camera = self._shifted(target.view.camera, target.factor)
-        rendering = self._render(surfels, camera, target.view, full)
-        loss = photometric(rendering.color[0], target.ssim, kind=options.photometric, dssim=options.dssim)
+        finer = camera.scaled(target.finer)
+        rendering = self._render(surfels, finer, target.view, full)
+        color = pooled(rendering.color[0], target.finer)
+        loss = photometric(color, target.ssim, kind=options.photometric, dssim=options.dssim)
         total = loss
         if full:
             spread = distortion_loss(rendering, self.radius) if options.distortion > 0.0 else 0.0
-            bent = normal_consistency(rendering, camera) if options.normal > 0.0 else 0.0
+            bent = normal_consistency(rendering, finer) if options.normal > 0.0 else 0.0
             total = loss + options.geometry_every * (options.distortion * spread + options.normal * bent)
         total.backward()
         self._watch(target, camera)
@@ -251,7 +280,7 @@ class _Fit:
             (options.silhouette * self._outline_loss(iteration, target, state.surfels(0))).backward()
         state.step(options.rate(iteration))
         with torch.no_grad():
-            square = float((rendering.color[0] - target.view.image).square().mean())
+            square = float((color - target.view.image).square().mean())
         return float(loss.detach()), psnr(square * target.share)
 
     def _target(self, iteration: int) -> "_Target":
@@ -301,7 +330,9 @@ class _Fit:
         surfels = self.state.surfels(self.options.degree(max(self.iteration - 1, 0)))
         found = {}
         for view in views:
-            color = self._render(surfels, self._shifted(view.camera), view, False).color[0]
+            finer = self.finer[view.name]
+            camera = self._shifted(view.camera).scaled(finer)
+            color = pooled(self._render(surfels, camera, view, False).color[0], finer)
             found[view.name] = psnr(float((color - view.image).square().mean(dtype=torch.float64)))
         return found
 
@@ -314,12 +345,33 @@ class _Fit:
         }
 
     def _restore(self, arrays: dict[str, np.ndarray] | None) -> None:
-        if arrays is None:
+        if arrays is None or self.folder is None:
             return
+        self._check(self.folder / CHECKPOINT_FILE, arrays)
         self.state.restore({name: torch.from_numpy(value) for name, value in arrays.items()})
         self.iteration, self.seconds = int(arrays["iteration"]), float(arrays["seconds"])
         self.rows = [tuple(row) for row in arrays["rows"].tolist()]
         self.tests = [tuple(row) for row in arrays["tests"].tolist()]
+
+    def _check(self, path: Path, arrays: dict[str, np.ndarray]) -> None:
+        """Raise InputError where arrays of a checkpoint do not fit the options, or each other."""
+        options, N = self.options, len(np.atleast_1d(arrays["tensor.p_OS"]))
+        per_surfel = {f"{kind}.{name}" for kind in ("tensor", "first", "second") for name in SURFEL}
+        wanted: dict[str, tuple[str, tuple[int | None, ...]]] = {}
+        for name, value in self._arrays().items():
+            each = name in per_surfel or name in ("screen", "counts")
+            wanted[name] = ("f", (N, *value.shape[1:]) if each else tuple(value.shape))
+        check_arrays(path, arrays, wanted | {"iteration": ("i", ())} | {"rows": _ROWS, "tests": _TESTS}, "fit")
+        iteration, rows = int(arrays["iteration"]), arrays["rows"]
+        every, seen = options.evaluate_every, arrays["tests"][:, 0].tolist() if self.test else []
+        measured = [k for k in range(1, iteration + 1) if (every and k % every == 0) or k == options.iterations]
+        if not 1 <= iteration <= options.iterations or len(rows) != iteration or (self.test and seen != measured):
+            found = f"iteration {iteration} with {len(rows)} rows, {len(seen)} tests"
+            raise InputError(path, value=found, allowed=f"1 to {options.iterations}, with a row for each")
+        least = min(float(arrays[f"second.{name}"].min(initial=0.0)) for name in (*SURFEL, CAMERA))
+        if not 1 <= N <= options.max_surfels or rows[-1, 2] != N or least < 0.0:
+            found = f"{N} surfels, where its last row has {rows[-1, 2]:g}"
+            raise InputError(path, value=found, allowed=f"one number of surfels, 1 to {options.max_surfels}")
 
     def _now(self) -> tuple[Surfels, tuple[float, float]]:
         """Surfels of this moment, with harmonics of the final degree, and the camera's offset [px]."""

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Surfels of a coloured mesh: an appearance that comes from a model and not from a video."""
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.reading.meshes import read_scene
 from pinwm_drake.rendering.harmonics import Y0
 from pinwm_drake.rendering.patches import EVEN, Patches, crease_ends, farthest, keep_inside, line_creases, spread
 from pinwm_drake.rendering.surfels import Surfels
@@ -85,12 +85,7 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
     allowed = "an OBJ file of coloured faces, with its MTL file beside it"
     if not path.is_file():
         raise InputError(path, value="no such file", allowed=allowed)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            scene = trimesh.load_scene(path, process=False, group_material=True)
-    except Exception as error:  # whatever a broken file leads to
-        raise InputError(path, value=f"{type(error).__name__}: {error}", allowed=allowed) from error
+    scene = read_scene(path, allowed)
     corners: list[np.ndarray] = []
     faces, colours, count = [], [], 0
     for part in scene.geometry.values():

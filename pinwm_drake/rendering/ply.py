@@ -6,18 +6,16 @@ others, all of red, then green, then blue), opacity (logit), scale_0 scale_1 (lo
 trimesh reads the files; what is written is a header and the numbers as they lie in memory.
 """
 
-import io
 import os
 import re
-import warnings
 from pathlib import Path
 
 import numpy as np
 import torch
-from trimesh.exchange.ply import load_ply
 
 from pinwm_drake.errors import InputError, RenderingError
 from pinwm_drake.files import replacing
+from pinwm_drake.reading.meshes import read_elements
 from pinwm_drake.rendering.surfels import MAX_DEGREE, Surfels
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 
@@ -106,13 +104,9 @@ def _rest_names(number: int) -> tuple[str, ...]:
 def _read_vertices(path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Columns of the vertices by name, and the names of f_rest, after a look at the names and types of all."""
     try:
-        contents = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, value=error.strerror or str(error), allowed="a file that can be read") from error
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # numpy only warns of text that holds no number
-            elements = load_ply(io.BytesIO(contents), skip_materials=True)["metadata"]["_ply_raw"]
+        elements, contents = read_elements(path, "a PLY file of surfels")
+    except InputError:
+        raise
     except Exception as error:  # trimesh's reader raises whatever its parser does
         raise _unreadable(path, error) from error
     if "vertex" not in elements:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Pictures of rigid bodies on a floor: grid, soft shadow, paths and shaded meshes, seen by a fixed camera."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
+from pinwm_drake.reading.meshes import read_scene
 from pinwm_drake.report.camera import ViewCamera
 
 PLAIN = (0.75, 0.16, 0.10)  # linear RGB, of a mesh without colours
@@ -68,11 +68,8 @@ class Actor:
 
 def coloured_actors(path: Path) -> list[Actor]:
     """Return the surfaces of a mesh file [m, object frame], one for each of its materials."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        parts = trimesh.load_scene(path, process=False, group_material=True).geometry.values()
     actors = []
-    for part in parts:
+    for part in read_scene(path).geometry.values():
         material = getattr(part.visual, "material", None)
         colour = PLAIN
         if material is not None and material.name and hasattr(material, "diffuse"):

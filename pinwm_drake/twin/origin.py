@@ -13,7 +13,7 @@ from pinwm_drake.capture.episode_tables import POSES_FILE
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.capture.ground_truth import GROUND_TRUTH_FILE
 from pinwm_drake.capture.scene import Capture
-from pinwm_drake.documents import read_bytes
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin

@@ -8,8 +8,8 @@ import torch
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.scene import Capture, PusherGeometry
-from pinwm_drake.documents import read_bytes
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.drift import drift, typical_walk, way

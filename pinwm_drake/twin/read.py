@@ -3,19 +3,22 @@
 
 import hashlib
 import re
-import zipfile
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from pinwm_drake.capture.paths import require_file
 from pinwm_drake.capture.scene import PusherGeometry
-from pinwm_drake.documents import Entry, read_bytes, read_yaml
+from pinwm_drake.documents import Entry, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.models import shipped_twins, twin_path
+from pinwm_drake.reading.arrays import read_npz
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.twin.document import read_document
 from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
+
+_MOST_DRAWS = 2**26  # bytes of all arrays
 
 
 def load_twin(twin: str | Path) -> Twin:
@@ -96,12 +99,12 @@ def read_draws(path: Path) -> Draws:
         InputError: The file is missing, unreadable, or its arrays are no table of finite numbers with a name for each
             column.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            names, values = file["names"], file["values"]
-    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        found = f"unreadable contents ({error})"
-        raise InputError(path, value=found, allowed="names and values, no pickles") from error
+    arrays = read_npz(path, "names and values, no pickles", most=_MOST_DRAWS)
+    if set(arrays) != {"names", "values"}:
+        raise InputError(path, value=f"arrays {sorted(arrays)}", allowed="names and values, no pickles")
+    names, values = arrays["names"], arrays["values"]
+    if names.dtype.kind != "U":
+        raise InputError(path, value=f"names of {names.dtype}", allowed="text")
     if values.ndim != 2 or names.shape != values.shape[1:] or not len(values) or values.dtype.kind != "f":
         raise InputError(path, value=f"names {names.shape}, values {values.shape}", allowed="(p,) and (N, p), N > 0")
     wrong = np.argwhere(~np.isfinite(values))

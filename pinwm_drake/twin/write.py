@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pinwm_drake.documents import YAML_FLOAT, Entry, read_bytes
+from pinwm_drake.documents import Entry
 from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.reading.trees import YAML_FLOAT
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
 from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin

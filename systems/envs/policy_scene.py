@@ -17,6 +17,7 @@ from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
 from pinwm_drake.models import shipped_scenarios
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
 from pinwm_drake.systems.scenario.load import Scene, load_setup
@@ -228,7 +229,7 @@ def _pusher_words(about: PusherSpec) -> str:
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
 def _floats(values: Any) -> Any:

@@ -14,6 +14,7 @@ from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import PACKAGE_NAME, SCENARIO_SUFFIX, object_model, shipped_scenarios, twin_path
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.systems.scenario.schema import LOCAL, MEMORY, Scenario, load_scenario
 from pinwm_drake.systems.scenario.setup import Setup, make_setup
 from pinwm_drake.systems.scenario.start import level_height
@@ -105,7 +106,7 @@ def scene_hash(setup: Setup) -> str:
     digest = hashlib.sha256(json.dumps(scenario, sort_keys=True).encode())
     path = None if folder is None else Path(folder) / "twin.yaml"
     if path is not None and path.is_file():
-        digest.update(path.read_bytes())  # it holds the hashes of the other files
+        digest.update(read_bytes(path))  # it holds the hashes of the other files
     return digest.hexdigest()
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A cube that is pushed by known physics, filmed by our renderer: a capture whose truth is exact."""
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -131,4 +132,5 @@ def write_appearance(twin: Path) -> None:
     """What `pinwm align` leaves, as far as identification reads it."""
     twin.mkdir(parents=True, exist_ok=True)
     write_ply(twin / "surfels.ply", surfels())
-    (twin / "align.json").write_text(json.dumps({"camera_offset": [0.0, 0.0]}))
+    sha256 = hashlib.sha256((twin / "surfels.ply").read_bytes()).hexdigest()
+    (twin / "align.json").write_text(json.dumps({"camera_offset": [0.0, 0.0], "surfels_sha256": sha256}))

@@ -151,7 +151,7 @@ from pinwm_drake.learning.bundle import read_bundle
 bundle = read_bundle(Path({str(folder)!r}))
 image = np.full(bundle.spec.image_shape, 200, np.uint8)
 print(*bundle.act(image, np.zeros(2)), bundle.predict({{"image": image, "pusher": np.zeros(2)}})[0].shape)
-heavy = ["torch", "stable_baselines3", "gymnasium", "pydrake", "onnx", "onnxscript", "numba", "cv2", "matplotlib"]
+heavy = ["torch", "stable_baselines3", "gymnasium", "pydrake", "onnxscript", "numba", "cv2", "matplotlib"]
 print([name for name in heavy if name in sys.modules], "onnxruntime" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

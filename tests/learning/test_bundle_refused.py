@@ -32,7 +32,7 @@ def test_a_missing_file(folder, name):
 def test_a_folder_in_place_of_a_file(folder, name):
     (folder / name).unlink()
     (folder / name).mkdir()
-    assert refused(folder, name) == ": got Is a directory; allowed: a file that can be read"
+    assert refused(folder, name) == ": got a folder; allowed: a file that can be read"
 
 
 @pytest.mark.parametrize("name", HASHED)
@@ -43,7 +43,7 @@ def test_a_changed_byte(folder, name):
     told = json.loads((folder / PROVENANCE_FILE).read_text())["files"][name]
     message = refused(folder, name)
     assert re.match(
-        rf": got other contents, {len(content)} bytes with SHA-256 [0-9a-f]{{64}}; allowed: {told},", message
+        rf": got other contents, {len(content)} bytes with SHA-256 [0-9a-f]{{12}}; allowed: {told[:12]},", message
     )
 
 
@@ -52,8 +52,8 @@ def test_a_changed_byte(folder, name):
 def test_a_file_that_is_cut_off(folder, name, share):
     content = (folder / name).read_bytes()
     (folder / name).write_bytes(content[: int(share * len(content))])
-    what = "unreadable contents" if name == PROVENANCE_FILE else "other contents"
-    assert refused(folder, name).startswith(f": got {what}")
+    message = refused(folder, name)
+    assert message.endswith("allowed: JSON") if name == PROVENANCE_FILE else message.startswith(": got other contents")
 
 
 def test_a_changed_provenance(folder):
@@ -84,14 +84,14 @@ def test_documents_that_are_none(folder):
     (folder / PROVENANCE_FILE).write_text("[1]")
     assert refused(folder, PROVENANCE_FILE).startswith(": got a list; allowed: a bundle")
     (folder / PROVENANCE_FILE).write_bytes(b"\xff\xfe")
-    assert refused(folder, PROVENANCE_FILE).startswith(": got unreadable contents")
+    assert refused(folder, PROVENANCE_FILE) == ": got a byte that is not text at 0; allowed: text in UTF-8"
 
 
 @pytest.mark.parametrize("content", [b"a: [1", b"\xff\xfe", b"- 1"])
 def test_a_contract_that_is_none(folder, content):
     (folder / CONTRACT_FILE).write_bytes(content)
     rehash(folder)
-    assert refused(folder, CONTRACT_FILE).startswith((": got unreadable contents", ": got a list"))
+    assert refused(folder, CONTRACT_FILE).endswith(("allowed: YAML", "text in UTF-8", "that `pinwm export` wrote"))
 
 
 def test_hashes_of_other_files(folder):

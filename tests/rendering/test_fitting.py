@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.checkpoints import load_arrays, write_arrays
 from pinwm_drake.errors import InputError, ParameterError, RenderingError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.densify import densify
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fit_state import SURFEL, FitState
-from pinwm_drake.rendering.fitting import fit, psnr
+from pinwm_drake.rendering.fitting import finer_by, fit, pooled, psnr
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.rendering.views import View
@@ -392,3 +393,58 @@ def test_views_are_checked_and_cut(views):
 def test_a_box_around_a_point_behind_the_camera_is_the_whole_image(views):
     behind = torch.tensor([[0.0, 0.0, 0.0], [9.0, 3.0, 9.0]], dtype=torch.float64)
     assert views[0].object_box(behind, 0) == (0, 0, 48, 48)
+
+
+def test_small_images_are_rendered_finer_and_averaged(mesh):
+    views = views_around(mesh, 3)
+    assert set(finer_by(views).values()) == {1}
+    views[1] = views[1].scaled(0.5)
+    assert list(finer_by(views).values()) == [1, 2, 1]
+    color = torch.arange(4 * 6 * 3, dtype=torch.float32).reshape(4, 6, 3)
+    assert torch.equal(pooled(color, 1), color)
+    torch.testing.assert_close(pooled(color, 2)[1, 2], color[2:4, 4:6].mean((0, 1)))
+
+
+def test_the_psnr_of_a_small_view_is_that_of_means_of_pixels(mesh):
+    views = views_around(mesh, 3)
+    views[1] = small = views[1].scaled(0.5)
+    with pytest.warns(UserWarning, match="1 of 3 images are small, which costs quality"):
+        found = fit(views, mesh, replace(SMALL, iterations=6, held_out=0))
+    camera = small.camera.shifted(found.camera_offset).scaled(2)
+    with torch.no_grad():
+        color = render(found.surfels, camera, small.X_CO, full=False).color[0]
+    rows = torch.nn.functional.avg_pool2d(color.permute(2, 0, 1)[None], 2)[0].permute(1, 2, 0)
+    square = float((rows - small.image).square().mean(dtype=torch.float64))
+    assert found.psnr_train[small.name] == pytest.approx(psnr(square), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda arrays: cut(arrays, 3), "3 surfels, where its last row has"),
+        (lambda arrays: arrays | {"tensor.p_OS": arrays["tensor.p_OS"][:, :2]}, "tensor.p_OS of float32"),
+        (lambda arrays: arrays | {"first.log_scale": arrays["first.log_scale"] * np.nan}, "not finite"),
+        (lambda arrays: arrays | {"iteration": np.array(41)}, "iteration 41 with 15 rows"),
+        (lambda arrays: arrays | {"iteration": np.array(14)}, "iteration 14 with 15 rows"),
+        (lambda arrays: arrays | {"rows": arrays["rows"][:-1]}, "with 14 rows"),
+        (lambda arrays: arrays | {"second.camera": -arrays["second.camera"] - 1.0}, "surfels"),
+    ],
+)
+def test_a_checkpoint_whose_contents_do_not_fit_is_refused(mesh, views, tmp_path, change, words):
+
+    def stop(iteration, *_):
+        if iteration == 16:
+            raise Stop
+
+    with pytest.raises(Stop):
+        fit(views, mesh, SMALL, folder=tmp_path, progress=stop)
+    arrays, about = load_arrays(tmp_path / "checkpoint.npz", "a checkpoint")
+    write_arrays(tmp_path / "checkpoint.npz", about, change(arrays))
+    with pytest.raises(InputError, match=words):
+        fit(views, mesh, SMALL, folder=tmp_path, resume=True)
+
+
+def cut(arrays, number):
+    """The arrays of the first surfels alone."""
+    count = len(arrays["tensor.p_OS"])
+    return {name: one[:number] if one.shape[:1] == (count,) else one for name, one in arrays.items()}

@@ -241,7 +241,7 @@ def test_folders_that_are_no_twins_are_refused(folder, tmp_path):
         "theta: [": "allowed: YAML",
         "": "allowed: a mapping",
         "- 1": "allowed: a mapping",
-        text.replace("provenance:", "provenance:\n  self: &a {b: *a}"): "nested without end",
+        text.replace("provenance:", "provenance:\n  self: &a {b: *a}"): "more than 64 levels",
         text.replace("provenance:", "provenance:\n  when: 2026-11-21"): "provenance.when",
         text.replace("provenance:", "provenance:\n  1: 2"): "keys that are text",
         text.replace("provenance:", "provenance:\n  x: !!python/object:os.system {}"): "allowed: YAML",

@@ -21,9 +21,9 @@ from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.similarity import Similarity
 from pinwm_drake.capture.importers.target import PosedImage, Report, Scenery, unheard, write_scenery, write_static
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
-from pinwm_drake.documents import read_bytes, read_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import appearing
+from pinwm_drake.reading.contents import read_bytes, read_text
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, identity, inverse
 

@@ -18,6 +18,7 @@ from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.policy import POLICY_FILE, read_policy, weights_digest
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.models import policy_path, shipped_policies
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.systems.envs import policy_scene
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -104,7 +105,7 @@ def _digest(*paths: Path) -> str:
     """SHA-256 of files, one after the other."""
     digest = hashlib.sha256()
     for path in paths:
-        digest.update(path.read_bytes())
+        digest.update(read_bytes(path))
     return digest.hexdigest()
 
 

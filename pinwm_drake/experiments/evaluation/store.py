@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays, write_arrays
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import EpisodeResult
@@ -60,6 +60,22 @@ class EpisodeStore:
         arrays = read_arrays(self._path(seed), self._about, "test", (*_TABLES, *_FIGURES, *_TIMES, "failure"))
         if arrays is None:
             return None
+        n, m = (len(np.atleast_1d(arrays[name])) for name in ("p_WO", "views"))
+        wanted: dict[str, tuple[str, tuple[int | None, ...]]] = {
+            **dict.fromkeys(_TIMES, ("f", ())),
+            **{name: ("f", (n, columns)) for name, columns in (("q_WO", 4), ("p_WO", 3), ("p_WP", 3))},
+            "views": ("u", (m, None, None, 3)),
+            "at": ("i", (m,)),
+            "goal": ("f", (None,)),
+            "success": ("b", ()),
+            "steps": ("i", ()),
+            "failure": ("U", ()),
+        }
+        check_arrays(self._path(seed), arrays, wanted, "test")
+        lone = all(arrays[name].shape == () and arrays[name].dtype.kind == "f" for name in _FIGURES[2:])
+        if not lone or not 0 <= arrays["steps"] <= n - 1:
+            value = f"{arrays['steps']} steps with {n} rows"
+            raise InputError(self._path(seed), value=value, allowed="figures of one episode, and a row for each step")
         figures = {name: arrays[name].item() for name in _FIGURES}
         result = EpisodeResult(seed=seed, failure=str(arrays["failure"]), **figures)
         tables = {name: arrays[name] for name in _TABLES}

@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.errors import InputError, ParameterError, StateError
+from pinwm_drake.documents import read_json
+from pinwm_drake.errors import InputError, ParameterError, PinwmError, StateError
 from pinwm_drake.experiments.rehearsal.faults import CONTENT, IMAGE_LIMIT, KINDS, PACE, SILENCE, STALL, FaultKind
 from pinwm_drake.experiments.rehearsal.processes import Traffic, robot_link, run_arm, run_relay, with_link
 from pinwm_drake.experiments.requests.control import RehearseRequest
@@ -25,6 +26,8 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.reading.contents import read_text
+from pinwm_drake.reading.trees import parse_json
 from pinwm_drake.systems.arm.driver import arm_limits
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
@@ -206,7 +209,7 @@ def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> li
         return []
     if not resume:
         raise InputError(out, value="trials of a rehearsal", allowed="a new folder, or --resume to go on")
-    before = json.loads((out / RESULTS_FILE).read_text())
+    before = read_json(out / RESULTS_FILE).value
     goal = None if request.goal is None else list(request.goal)
     now = {**asdict(request), "kinds": list(request.kinds), "goal": goal, "bundle": sha256}
     for name, value in {**before["request"], "bundle": before["bundle"]}.items():
@@ -218,7 +221,7 @@ def _begun(out: Path, request: RehearseRequest, sha256: str, resume: bool) -> li
 
 def _read_trials(path: Path) -> list[Trial]:
     """Trials of a file; a last line that was cut off by a kill is dropped from it."""
-    text = path.read_text()
+    text = read_text(path)
     whole = text[: text.rfind("\n") + 1]
     if whole != text:
         with replacing(path) as temporary:
@@ -226,8 +229,8 @@ def _read_trials(path: Path) -> list[Trial]:
     trials = []
     for row, line in enumerate(whole.splitlines(), start=1):
         try:
-            trials.append(Trial(**json.loads(line)))
-        except (TypeError, ValueError) as error:
+            trials.append(Trial(**parse_json(line, path)))
+        except (TypeError, PinwmError) as error:
             raise InputError(path, row=row, value=line, allowed="a trial as `pinwm rehearse` writes it") from error
     return trials
 

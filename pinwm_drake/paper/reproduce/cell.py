@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 import torch
 from filelock import FileLock
 
+from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.provenance import timestamp, versions
@@ -187,12 +188,7 @@ def _read_runs(path: Path) -> list[dict[str, Any]]:
 
 def _read_json(path: Path) -> Any:
     """Content of a file of a cell's folder; None where there is none; raises InputError where it cannot be read."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise InputError(path, value=error, allowed=_WRITTEN) from error
+    return read_json(path).value if path.exists() else None
 
 
 def _write_json(path: Path, content: Any) -> None:

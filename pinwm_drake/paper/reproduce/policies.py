@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Cells of policies, of the episodes that some of them learn from, and of their evaluations in a plant."""
 
-import json
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -10,6 +9,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from pinwm_drake.documents import read_json
 from pinwm_drake.experiments.evaluation.run import SUMMARY_FILE, EvaluationProgress, evaluate
 from pinwm_drake.experiments.requests.evaluate import MPC as EVALUATED_MPC
 from pinwm_drake.experiments.requests.evaluate import RANDOM, EvaluateRequest
@@ -358,7 +358,7 @@ class EvaluationCell(SceneCell):
 
         out = root / self.key
         evaluate(request, out, workers=1, resume=True, progress=progress)
-        results: dict[str, Any] = json.loads((out / SUMMARY_FILE).read_text(encoding="utf-8"))["results"]
+        results: dict[str, Any] = read_json(out / SUMMARY_FILE)["results"].value
         return results
 
 

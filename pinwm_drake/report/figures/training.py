@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Figure of a training: success and length of episodes over the time it took."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.tables import read_rows
 from pinwm_drake.report.style import new_figure, save_figure, tidy
 
 _COLUMNS = ("steps", "success", "length", "loss", "seconds")
@@ -44,7 +44,7 @@ def training_figure(path: Path, stages: Mapping[str, Path]) -> None:
 
 def _read(table: Path) -> dict[str, np.ndarray]:
     try:
-        rows = list(csv.DictReader(table.read_text().splitlines()))
-        return {name: np.array([float(row[name]) for row in rows]) for name in _COLUMNS}
-    except (OSError, KeyError, ValueError, TypeError) as error:
+        (_, header), *rows = read_rows(table) or [(1, [])]
+        return {name: np.array([float(cells[header.index(name)]) for _, cells in rows]) for name in _COLUMNS}
+    except (ValueError, IndexError) as error:
         raise InputError(table, value=error, allowed=f"a table with {', '.join(_COLUMNS)}") from error

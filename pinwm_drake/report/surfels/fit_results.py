@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The files of a fit: surfels.ply, align.json, align.png, view.html and turntable.mp4."""
 
+import hashlib
 import json
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -9,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from pinwm_drake.documents import read_json
+from pinwm_drake.documents import Entry, read_json
+from pinwm_drake.errors import InputError
 from pinwm_drake.files import replacing
 from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult
 from pinwm_drake.rendering.ply import write_ply
@@ -26,6 +30,7 @@ from pinwm_drake.twin.twin import SURFELS_FILE
 
 ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE = "align.json", "align.png", "view.html", "turntable.mp4"
 FILES = (SURFELS_FILE, ALIGN_FILE, FIGURE_FILE, PAGE_FILE, VIDEO_FILE)
+_SHA256 = "surfels_sha256"
 _STRIPS = 3
 _TURN = 4  # s
 _LARGEST_TURNTABLE = 480  # px; smaller where the images are
@@ -59,7 +64,9 @@ def write_fit_results(
     surfels = result.surfels
     write_ply(out / SURFELS_FILE, surfels)
     with replacing(out / ALIGN_FILE) as temporary:
-        temporary.write_text(json.dumps(_record(source, mesh_path, options, result, registration), indent=1) + "\n")
+        record = _record(source, mesh_path, options, result, registration)
+        record[_SHA256] = hashlib.sha256(read_bytes(out / SURFELS_FILE)).hexdigest()
+        temporary.write_text(json.dumps(record, indent=1) + "\n")
     title = f"{source.resolve().name}: {surfels.num_surfels:,} surfels"
     _draw(out / FIGURE_FILE, views, result, title)
     write_surfel_page(out / PAGE_FILE, surfels, title=title, up=up)
@@ -69,9 +76,28 @@ def write_fit_results(
 
 
 def read_offset(path: Path) -> tuple[float, float]:
-    """Return the camera's offset [px] that a fit found, from its `align.json`; raise InputError for a bad one."""
-    x, y = read_json(path)["camera_offset"].numbers(2).tolist()
+    """Return the camera's offset [px] that a fit found, from its `align.json`, beside which its surfels lie.
+
+    Raises:
+        InputError: The file cannot be used, or the surfels are those of another fit.
+    """
+    document = read_json(path)
+    _check_surfels(document)
+    x, y = document["camera_offset"].numbers(2).tolist()
     return x, y
+
+
+def _check_surfels(document: Entry) -> None:
+    """Compare the surfels beside an `align.json` with its SHA-256; warn where it has none."""
+    expected = document.find(_SHA256)
+    if expected is None:
+        warnings.warn(f"{document.path}: no {_SHA256}: surfels of another fit would not be noticed", stacklevel=3)
+        return
+    path = document.path.with_name(SURFELS_FILE)
+    found = hashlib.sha256(read_bytes(path)).hexdigest()
+    if expected.text() != found:
+        allowed = f"{expected.text()[:12]}, as {document.path.name} beside it has it; copy both of one fit"
+        raise InputError(path, value=f"SHA-256 {found[:12]}", allowed=allowed)
 
 
 def read_registration(path: Path) -> Pose:

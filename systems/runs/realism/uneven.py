@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.stored_pieces import BESIDE, mesh_pieces
+from pinwm_drake.reading.contents import read_text
 from pinwm_drake.twin.twin import Estimate, Twin
 
 _FOOT_HEIGHT = 7e-5  # m, by which feet stand out
@@ -172,7 +173,7 @@ def write_with_feet(mesh_path: Path, folder: Path, feet: np.ndarray, up: np.ndar
         feet: (n, 3) m, frame O, the lowest points.
         up: (3,), axis of O that points up.
     """
-    path, text = folder / mesh_path.name, mesh_path.read_text(encoding="utf-8")
+    path, text = folder / mesh_path.name, read_text(mesh_path)
     count = sum(line.startswith("v ") for line in text.splitlines())
     turn = np.eye(4)
     turn[:3, :3] = np.column_stack([*_plane(up), up])

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Attacks on the package: `python -m benchmarks.hardening`; see `__main__.py`."""
