@@ -17,7 +17,7 @@ from rich.markup import escape
 from typer.core import TyperCommand
 
 import pinwm_drake
-from pinwm_drake.cli.console import quiet
+from pinwm_drake.cli.console import quiet, take_any_terminal
 from pinwm_drake.errors import PinwmError
 from pinwm_drake.nearest import nearest
 
@@ -117,6 +117,7 @@ def _options(
 
 def main() -> None:
     """Run `pinwm` on the command line and end the process with its exit code."""
+    take_any_terminal()
     try:
         with quiet():
             app(prog_name="pinwm")
