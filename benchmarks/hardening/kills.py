@@ -120,6 +120,7 @@ def begin(arguments: tuple[str, ...], log: Path) -> int:
         file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         os.dup2(file, 1)
         os.dup2(file, 2)
+        sys.stdout, sys.stderr = (open(number, "w", closefd=False) for number in (1, 2))  # noqa: SIM115
         from pinwm_drake.cli import main
 
         sys.argv = ["pinwm", *arguments]
@@ -129,6 +130,7 @@ def begin(arguments: tuple[str, ...], log: Path) -> int:
         code = end.code if isinstance(end.code, int) else 1
     finally:
         sys.stdout.flush()
+        sys.stderr.flush()
         os._exit(code)
 
 
