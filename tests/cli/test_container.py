@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from pinwm_drake.cli.app import _told_of_memory
+from pinwm_drake.errors import InputError, PinwmError
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.cli.evaluations import write_scenario
 from tests.containers import ROOT, run
@@ -63,15 +65,37 @@ def test_the_whole_way_in_a_container(tmp_path, coding):
     ]
 
 
-@pytest.mark.parametrize("command", [("capture", "check", "/nowhere"), ("doctor", "--help"), ("--version",)])
-def test_a_working_folder_that_is_gone(tmp_path, command):
+def test_a_working_folder_that_is_gone(tmp_path):
     gone = tmp_path / "gone"
     gone.mkdir()
     script = f"import os; os.chdir({str(gone)!r}); os.rmdir({str(gone)!r})\nfrom pinwm_drake.cli import main; main()"
     here = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, "-c", script, *command], env=here, capture_output=True, text=True, check=False
-    )
-    assert done.returncode in (0, 1)
-    assert "Traceback" not in done.stderr
-    assert len(done.stderr.splitlines()) == (done.returncode == 1)
+    command = [sys.executable, "-c", script, "capture", "check", "/nowhere"]
+    done = subprocess.run(command, env=here, capture_output=True, text=True, check=False)
+    told = "pinwm: working folder: no such folder; allowed: a folder that is there; cd to one\n"
+    assert (done.returncode, done.stderr) == (1, told)
+
+
+def test_a_limit_of_memory_is_told_in_one_line():
+    script = "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9))\n"
+    script += "from pinwm_drake.cli import main; main()"
+    command = [sys.executable, "-c", script, "capture", "check", "t_block"]
+    here = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, env=here, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.startswith("pinwm: memory: got too little")
+    assert "allowed: a machine or container with more memory" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: 1 byte")])
+def test_want_of_memory_is_an_error_of_the_family(error):
+    with pytest.raises(PinwmError, match="memory: got too little"), _told_of_memory():
+        raise error
+
+
+@pytest.mark.parametrize("error", [RuntimeError("another"), OSError("no such file"), InputError("a", allowed="b")])
+def test_other_errors_stay_what_they_are(error):
+    with pytest.raises(type(error)) as found, _told_of_memory():
+        raise error
+    assert found.value is error
