@@ -20,6 +20,8 @@ LOCK_FILE = ".pinwm.lock"
 _TEMPORARY = re.compile(r"(?:\..*|pinwm)~([^~]+)~([0-9]{1,9})~[a-z0-9_]{8}(?:\.[^~]*)?", re.DOTALL)
 _LONGEST_STEM = 30  # characters; names may have 255 bytes
 _swept: set[Path] = set()  # folders whose leftovers this process has removed
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_swept.clear)
 
 
 def prepare_folder(folder: Path) -> Path:

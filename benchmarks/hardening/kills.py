@@ -7,6 +7,7 @@ Each run is a fork of a process that has imported and compiled everything, so th
 not of Python's imports. The folder for temporary files has to be empty after the next run, too.
 """
 
+import atexit
 import csv
 import json
 import os
@@ -129,6 +130,7 @@ def begin(arguments: tuple[str, ...], log: Path) -> int:
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     finally:
+        atexit._run_exitfuncs()  # which `_exit` leaves out
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -185,7 +187,8 @@ def _array(value: np.ndarray) -> Any:
 
 
 def _timed(name: str) -> bool:
-    return any(word in name.lower() for word in _TIMES)
+    # A checkpoint's hash is that of its arrays, with times among them.
+    return name == "sha256 of the arrays" or any(word in name.lower() for word in _TIMES)
 
 
 def _timeless(value: Any) -> Any:
