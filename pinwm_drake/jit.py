@@ -4,6 +4,7 @@
 numba keeps compiled kernels beside their source files, but looks only at the file of the outermost function: a
 change in a kernel that others call would leave those others stale. So the sources, and the modules that they import,
 are hashed when the first kernel module is imported, and all cached kernels of a checkout go when the hash has changed.
+A cache elsewhere, as of an installed package that cannot be written to, has a folder for each hash.
 """
 
 import contextlib
@@ -11,6 +12,9 @@ import hashlib
 import logging
 import os
 import re
+import shutil
+import stat
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,10 +22,13 @@ from typing import Any
 import numba
 from numba import njit, types
 from numba.core import codegen, event
+from numba.core.caching import _CacheLocator
 from numba.core.compiler_lock import global_compiler_lock
+from numba.misc.appdirs import AppDirs
 
-COMPILING = "compiling kernels: about a minute and a half of CPU, cached afterwards"
-"""Line that a process logs once when it begins to compile; measured: 93 s of CPU."""
+COMPILING = "compiling kernels: one to three minutes of CPU, cached afterwards"
+"""Line that a process logs once when it begins to compile; measured: 93 and 190 s of CPU on two machines."""
+_TEMPORARY = "compiled kernels go to %s, for want of another place; set NUMBA_CACHE_DIR to a folder that lasts"
 _log = logging.getLogger(__name__)
 _WORKER = "PINWM_THREADS"  # `threads.LIMIT`: set in processes that are one of several, whose parent tells for all
 entries: list[Any] = []
@@ -43,6 +50,99 @@ def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
         Whether anything was forgotten. A folder that cannot be written is left alone: an installed package does not
         change file by file.
     """
+    stamp, digest = _stamp(package), _digest(package)
+    try:
+        if stamp.is_file() and stamp.read_text() == digest:
+            return False
+        stamp.parent.mkdir(exist_ok=True)
+        for path in _cached(package):
+            with contextlib.suppress(FileNotFoundError):
+                path.unlink()
+        partial = stamp.with_suffix(f".{os.getpid()}.tmp")
+        partial.write_text(digest)
+        partial.replace(stamp)
+    except OSError:
+        return False
+    return True
+
+
+def place_kernels(package: Path = _PACKAGE) -> Path | None:
+    """Tell numba where compiled kernels go, where that is not beside their sources.
+
+    The first that can be written to is taken: `NUMBA_CACHE_DIR`; beside the sources; the user's cache; a folder for
+    temporary files, with a warning. Kernels that were compiled beside the sources are copied.
+
+    Args:
+        package: folder of the package.
+
+    Returns:
+        The folder; None for beside the sources.
+
+    Raises:
+        InputError: There is no folder that can be written to.
+    """
+    digest = _digest(package)
+    name, users = f"pinwm-{digest[:16]}", AppDirs(appname="numba", appauthor=False).user_cache_dir
+    given = numba.config.CACHE_DIR
+    folder = _tried(Path(given) / name) if given else None
+    if folder is None and _tried(package / "__pycache__") is not None:
+        return None
+    if folder is None and os.path.isabs(users):  # it is not, of a user without a home
+        folder = _tried(Path(users) / name)
+    if folder is None:
+        folder = _temporary_folder(package) / name
+        folder.mkdir(exist_ok=True)
+        os.environ["NUMBA_CACHE_DIR"] = str(folder.parent)  # for other processes, which need not warn
+    numba.config.CACHE_DIR = str(folder)
+    with contextlib.suppress(OSError):
+        if not any(folder.iterdir()) and _stamp(package).read_text() == digest:
+            for path in _cached(package):
+                target = folder / _CacheLocator.get_suitable_cache_subpath(str(path.parent))
+                target.mkdir(exist_ok=True)
+                shutil.copyfile(path, target / path.name)
+    return folder
+
+
+def _tried(folder: Path) -> Path | None:
+    """Return a folder, made if need be; None where it cannot be written to."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError:
+        return None
+    return folder
+
+
+def _temporary_folder(package: Path) -> Path:
+    """Return a folder for kernels that nobody else can write to, as they are code; tell of it."""
+    from pinwm_drake.errors import InputError  # not above, as below
+
+    try:
+        folder = Path(tempfile.gettempdir()) / f"pinwm-kernels-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+            folder = Path(tempfile.mkdtemp(prefix="pinwm-kernels-"))
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        allowed = "NUMBA_CACHE_DIR: a folder for compiled kernels that can be written to"
+        raise InputError(package, value=f"no place for kernels ({error.strerror})", allowed=allowed) from error
+    if _WORKER not in os.environ:
+        _log.warning(_TEMPORARY, folder)
+    return folder
+
+
+def _stamp(package: Path) -> Path:
+    return package / "__pycache__" / "kernels.sha256"
+
+
+def _cached(package: Path) -> list[Path]:
+    """Files of kernels that were compiled beside their sources."""
+    return [path for pattern in ("*.nbi", "*.nbc") for path in package.rglob(f"__pycache__/{pattern}")]
+
+
+def _digest(package: Path) -> str:
+    """SHA-256 of all sources of kernels."""
     sources = {path: path.read_bytes() for path in sorted(package.rglob("*.py"))}
     kernels = {path for path in sources if b"pinwm_drake.jit" in sources[path] or path.name == "jit.py"}
     # What kernel modules import may hold constants, which are compiled into the kernels.
@@ -52,21 +152,7 @@ def forget_stale_kernels(package: Path = _PACKAGE) -> bool:
         name = ".".join(("pinwm_drake", *path.relative_to(package).with_suffix("").parts))
         if path in kernels or name.encode() in imported:
             digest.update(source)
-    stamp = package / "__pycache__" / "kernels.sha256"
-    try:
-        if stamp.is_file() and stamp.read_text() == digest.hexdigest():
-            return False
-        stamp.parent.mkdir(exist_ok=True)
-        for pattern in ("*.nbi", "*.nbc"):
-            for path in package.rglob(f"__pycache__/{pattern}"):
-                with contextlib.suppress(FileNotFoundError):
-                    path.unlink()
-        partial = stamp.with_suffix(f".{os.getpid()}.tmp")
-        partial.write_text(digest.hexdigest())
-        partial.replace(stamp)
-    except OSError:
-        return False
-    return True
+    return digest.hexdigest()
 
 
 def _imported(source: bytes) -> Iterator[bytes]:
@@ -88,6 +174,7 @@ def require_numba(version: str) -> None:
 
 require_numba(numba.__version__)
 forget_stale_kernels()
+place_kernels()
 
 
 class _Announcer(event.Listener):  # type: ignore[misc]

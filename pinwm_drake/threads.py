@@ -3,6 +3,7 @@
 
 import functools
 import os
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -64,6 +65,15 @@ def available() -> int:
     return min(cores, int(os.environ.get(LIMIT, cores)))
 
 
+def _after_fork() -> None:
+    """Let a forked child work without its parent's threads, which a fork does not copy.
+
+    It starts its own for kernels. torch gets one: libgomp would wait for those of the parent, for ever.
+    """
+    pool.cache_clear()
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
+
+
 if hasattr(os, "register_at_fork"):
-    # A child has no threads but the one that forked it; it starts its own.
-    os.register_at_fork(after_in_child=pool.cache_clear)
+    os.register_at_fork(after_in_child=_after_fork)

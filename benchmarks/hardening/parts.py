@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 # Modules by the names of their parts. Each may be run by itself, and is imported only then.
-PARTS = {"readers": "benchmarks.hardening.readers", "messages": "benchmarks.hardening.messages"}
+PARTS = {
+    "readers": "benchmarks.hardening.readers",
+    "messages": "benchmarks.hardening.messages",
+    "kills": "benchmarks.hardening.kills",
+    "endurance": "benchmarks.hardening.endurance",
+}
 
 
 class Part(Protocol):

@@ -8,7 +8,11 @@ The module of a command is imported when the command is called or completed, so 
 
 import ast
 import importlib
+import os
 import pkgutil
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, get_type_hints
 
 import typer
@@ -17,8 +21,8 @@ from rich.markup import escape
 from typer.core import TyperCommand
 
 import pinwm_drake
-from pinwm_drake.cli.console import quiet
-from pinwm_drake.errors import PinwmError
+from pinwm_drake.cli.console import quiet, take_any_terminal
+from pinwm_drake.errors import InputError, PinwmError
 from pinwm_drake.nearest import nearest
 
 app = typer.Typer(
@@ -115,10 +119,37 @@ def _options(
     """Return the options that stand before a command; `version` has done its work by the time this runs."""
 
 
+@contextmanager
+def _told_of_memory() -> Iterator[None]:
+    """Context in which any library's error for want of memory is a PinwmError."""
+    try:
+        yield
+    except (MemoryError, RuntimeError, OSError, ImportError) as error:
+        words = str(error)
+        limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
+        short = isinstance(error, MemoryError) or "allocate memory" in words or (limited and "shared object" in words)
+        if not short or isinstance(error, PinwmError):
+            raise
+        advice = "a machine or container with more memory, or a higher limit (ulimit -v)"
+        raise PinwmError(f"memory: got too little ({words[:100]}); allowed: {advice}") from error
+
+
+def _require_working_folder() -> None:
+    """Raise InputError where the working folder was removed: libraries then end the process in words of their own."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(
+            "working folder", value="no such folder", allowed="a folder that is there; cd to one"
+        ) from error
+
+
 def main() -> None:
     """Run `pinwm` on the command line and end the process with its exit code."""
+    take_any_terminal()
     try:
-        with quiet():
+        _require_working_folder()
+        with quiet(), _told_of_memory():
             app(prog_name="pinwm")
     except PinwmError as error:
         text, near = str(error), nearest(error)

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: MIT
 """The console: lines, and the progress of long work as bars on a terminal and as lines where output is redirected."""
 
+import codecs
+import logging
 import math
 import os
+import sys
 import threading
 import time
+import unicodedata
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +43,40 @@ class Show(Protocol):
         """
 
 
+# Signs of the package's words that have no decomposition.
+_PLAIN = {
+    "°": " deg",
+    "μ": "mu",
+    "…": "...",
+    "θ": "theta",
+    "×": "x",
+    "–": "-",
+    "—": "-",
+    "→": "->",
+    "±": "+-",
+    "δ": "delta",
+}
+
+
+def spell(error: UnicodeError) -> tuple[str, int]:
+    """Handler of codecs that spells what an encoding lacks: ² as 2, ° as deg, and a question mark for the rest."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    words = []
+    for sign in error.object[error.start : error.end]:
+        plain = _PLAIN.get(sign) or unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
+        words.append(plain or "?")
+    return "".join(words), error.end
+
+
+def take_any_terminal() -> None:
+    """Let output and error output take any text, whatever the encoding of the terminal is."""
+    codecs.register_error("pinwm", spell)
+    for stream in (sys.stdout, sys.stderr):
+        if reconfigure := getattr(stream, "reconfigure", None):
+            reconfigure(errors="pinwm")
+
+
 def say(text: str, *, style: str | None = None) -> None:
     """Print a line as it is: not broken, and not coloured by its contents."""
     Console().print(text, style=style, highlight=False, soft_wrap=True, markup=False)
@@ -60,6 +98,7 @@ def quiet() -> Iterator[None]:
         if Path(filename).is_relative_to(package):
             warn(str(message))
 
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it warns where it cannot keep its cache
     before = os.environ.get(_FILTERS)
     os.environ[_FILTERS] = "ignore"  # of processes that are started meanwhile
     try:

@@ -19,20 +19,24 @@ def train(request: TrainRequest) -> None:
     """
     from pinwm_drake.experiments import training
     from pinwm_drake.experiments.forecast import forecast
+    from pinwm_drake.files import occupying
     from pinwm_drake.learning.policy import POLICY_FILE
 
     begun, out = time.monotonic(), request.out
     try:
         training.check_new(request)
-        if not request.resume:
-            with stages_bar(transient=True) as show:
-                show("forecasting", 0.0, "a brief training of each stage")
-                found = forecast(request, lambda share: show("forecasting", share, "a brief training of each stage"))
-            say(f"this takes {found} here; most trainings end earlier, when the success no longer rises")
-            if training.searches(request):
-                say("the search for plans to begin from comes first and is not counted")
-        with stages_bar() as show:
-            training.train(request, report=_reporter(show))
+        with occupying(out):  # before the forecast, which takes a while
+            if not request.resume:
+                with stages_bar(transient=True) as show:
+                    show("forecasting", 0.0, "a brief training of each stage")
+                    found = forecast(
+                        request, lambda share: show("forecasting", share, "a brief training of each stage")
+                    )
+                say(f"this takes {found} here; most trainings end earlier, when the success no longer rises")
+                if training.searches(request):
+                    say("the search for plans to begin from comes first and is not counted")
+            with stages_bar() as show:
+                training.train(request, report=_reporter(show))
     except KeyboardInterrupt:
         kept = training.can_go_on(out)
         say(f"interrupted; go on with --resume (what is done is in {out})" if kept else "interrupted; nothing is kept")

@@ -15,7 +15,7 @@ from pinwm_drake.capture.scene import CAPTURE_FILE, read_capture_object
 from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.experiments.progress import Progress, silent
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.files import occupying
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult, Now, fit
@@ -87,46 +87,46 @@ def align(
     path, out = Path(path), Path(out)
     options = FitOptions() if options is None else options
     source = read_source(path, mesh_path)
-    prepare_folder(out)
-    _require_space(out, options.max_surfels)
+    with occupying(out):
+        _require_space(out, options.max_surfels)
 
-    page, share, figures = ProgressPage(out, f"Fit of surfels to {path.name}") if view else None, 0.0, ""
+        page, share, figures = ProgressPage(out, f"Fit of surfels to {path.name}") if view else None, 0.0, ""
 
-    def fitted(iteration: int, iterations: int, loss: float, psnr: float | None, surfels: int) -> None:
-        nonlocal share, figures
-        quality = "" if psnr is None else f"  {psnr:.2f} dB"
-        share, figures = (
-            iteration / iterations,
-            f"{iteration}/{iterations}  loss {loss:.5f}{quality}  {surfels:,} surfels",
+        def fitted(iteration: int, iterations: int, loss: float, psnr: float | None, surfels: int) -> None:
+            nonlocal share, figures
+            quality = "" if psnr is None else f"  {psnr:.2f} dB"
+            share, figures = (
+                iteration / iterations,
+                f"{iteration}/{iterations}  loss {loss:.5f}{quality}  {surfels:,} surfels",
+            )
+            progress("fitting", share, figures)
+            if page is not None:
+                page.add("fitting", loss)
+
+        def watched(now: Now) -> None:
+            if page is not None:
+                page.update(share, figures, lambda: _pairs(views, *now()))
+
+        progress("fitting", 0.0, "getting ready")
+        registration = register(source.views, source.mesh, source.up)
+        views = registered(source.views, registration)
+        require_fitting(source, registration)
+        often = replace(options, checkpoint_every=_CHECKPOINT_EVERY)
+        result = fit(views, source.mesh, often, folder=out, resume=resume, progress=fitted, watch=watched)
+        if page is not None:
+            page.end(figures, lambda: _pairs(views, result.surfels, result.camera_offset))
+        write_fit_results(
+            out,
+            source.path,
+            source.mesh_path,
+            views,
+            source.up,
+            options,
+            result,
+            registration,
+            lambda share: progress("drawing", share, "turntable"),
         )
-        progress("fitting", share, figures)
-        if page is not None:
-            page.add("fitting", loss)
-
-    def watched(now: Now) -> None:
-        if page is not None:
-            page.update(share, figures, lambda: _pairs(views, *now()))
-
-    progress("fitting", 0.0, "getting ready")
-    registration = register(source.views, source.mesh, source.up)
-    views = registered(source.views, registration)
-    require_fitting(source, registration)
-    often = replace(options, checkpoint_every=_CHECKPOINT_EVERY)
-    result = fit(views, source.mesh, often, folder=out, resume=resume, progress=fitted, watch=watched)
-    if page is not None:
-        page.end(figures, lambda: _pairs(views, result.surfels, result.camera_offset))
-    write_fit_results(
-        out,
-        source.path,
-        source.mesh_path,
-        views,
-        source.up,
-        options,
-        result,
-        registration,
-        lambda share: progress("drawing", share, "turntable"),
-    )
-    return result
+        return result
 
 
 def read_source(path: Path, mesh_path: Path | None) -> Source:

@@ -11,7 +11,7 @@ import torch
 from pinwm_drake.cousins.domain import CousinDomains, DomainSource
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.experiments.requests.train import TrainRequest
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.files import occupying, prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.export import check_exportable
 from pinwm_drake.learning.method import Method, MethodData
@@ -62,27 +62,29 @@ def train(
     Raises:
         PinwmError: An option is out of range, the scene cannot be read, or a file cannot be written.
     """
-    out = prepare_folder(request.out)
-    stages = [out / stage for stage in STAGES]
-    check_new(request)
-    if request.threads is not None:
-        torch.set_num_threads(request.threads)
-    begun, worlds = time.monotonic(), worlds_of(request, domains)
-    if request.method != "state" and not request.resume and not request.history:  # that asks for one without a bundle
-        check_exportable(worlds.spec("rgb"))
-    if _searches(request, worlds.setup.task):
-        folder = prepare_folder(out / WAYPOINTS)
-        worlds.waypoints = find_waypoints(
-            worlds, folder, search, seed=request.seed, resume=request.resume, report=report
-        )
-    method = method_of(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
-    policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
-    assert isinstance(policy, Policy)
-    histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
-    training_figure(out / FIGURE_FILE, histories)
-    policy = replace(policy, provenance=_provenance(request, worlds))
-    write_policy(out, policy)
-    return policy
+    with occupying(request.out) as out:
+        stages = [out / stage for stage in STAGES]
+        check_new(request)
+        if request.threads is not None:
+            torch.set_num_threads(request.threads)
+        begun, worlds = time.monotonic(), worlds_of(request, domains)
+        if (
+            request.method != "state" and not request.resume and not request.history
+        ):  # that asks for one without a bundle
+            check_exportable(worlds.spec("rgb"))
+        if _searches(request, worlds.setup.task):
+            folder = prepare_folder(out / WAYPOINTS)
+            worlds.waypoints = find_waypoints(
+                worlds, folder, search, seed=request.seed, resume=request.resume, report=report
+            )
+        method = method_of(request, worlds.setup.task, (time.monotonic() - begun) / 60.0)
+        policy = method.train(MethodData(), worlds, out, seed=request.seed, resume=request.resume, report=report)
+        assert isinstance(policy, Policy)
+        histories = {stage.name: stage / HISTORY_FILE for stage in stages if (stage / HISTORY_FILE).exists()}
+        training_figure(out / FIGURE_FILE, histories)
+        policy = replace(policy, provenance=_provenance(request, worlds))
+        write_policy(out, policy)
+        return policy
 
 
 def check_new(request: TrainRequest) -> None:

@@ -13,7 +13,7 @@ from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.progress import Progress, silent
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.files import occupying, prepare_folder
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
 from pinwm_drake.identification.identify import Identification, identify_theta
@@ -66,47 +66,47 @@ def identify(
     """
     path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
-    prepare_folder(out)
-    if appearance is not None:
-        surfels, offset = appearance.surfels, appearance.camera_offset
-        X_OS = compose(inverse(capture.object.X_WO), seen_start(appearance, capture))
-    else:
-        if not has_surfels(out):
-            align(path, out, options=fit_options, resume=resume, view=view, progress=progress)
-        surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
-        X_OS = read_registration(out / ALIGN_FILE)
+    with occupying(out):
+        if appearance is not None:
+            surfels, offset = appearance.surfels, appearance.camera_offset
+            X_OS = compose(inverse(capture.object.X_WO), seen_start(appearance, capture))
+        else:
+            if not has_surfels(out):
+                align(path, out, options=fit_options, resume=resume, view=view, progress=progress)
+            surfels, offset = read_ply(out / SURFELS_FILE), read_offset(out / ALIGN_FILE)
+            X_OS = read_registration(out / ALIGN_FILE)
 
-    page = ProgressPage(out, f"Identification of {capture.object.name}") if view else None
+        page = ProgressPage(out, f"Identification of {capture.object.name}") if view else None
 
-    last: SearchProgress | None = None
+        last: SearchProgress | None = None
 
-    def searched(step: SearchProgress) -> None:
-        nonlocal last
-        last = step
-        theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
-        figures = f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"
-        progress("identifying", step.done, f"{step.stage}  {figures}")
+        def searched(step: SearchProgress) -> None:
+            nonlocal last
+            last = step
+            theta = "  ".join(f"{word} {step.values[name]:.3g}" for name, word in _SHOWN.items() if name in step.values)
+            figures = f"loss {step.loss:.5f}  {theta}" if step.stage != "sample" else "draws from the posterior"
+            progress("identifying", step.done, f"{step.stage}  {figures}")
+            if page is not None:
+                page.add(step.stage, step.loss)
+                page.update(step.done, f"{step.stage}  {figures}", step.pairs)
+
+        progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
+        options = IdentifyOptions() if options is None else options
+        result = identify_theta(
+            capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
+        )
         if page is not None:
-            page.add(step.stage, step.loss)
-            page.update(step.done, f"{step.stage}  {figures}", step.pairs)
-
-    progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
-    options = IdentifyOptions() if options is None else options
-    result = identify_theta(
-        capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
-    )
-    if page is not None:
-        pairs = list if last is None else last.pairs
-        page.end(f"loss {result.found.loss:.5f} after {result.found.seconds:.0f} s", pairs)
-    twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
-    result = replace(result, twin=twin)
-    write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)
-    prepare_folder(out / "episodes")
-    for push, poses in zip(pushes, result.poses, strict=True):
-        write_pose_table(out / "episodes" / f"{push.name}.csv", poses)
-    write_twin(out, twin)
-    (out / CHECKPOINT_FILE).unlink(missing_ok=True)
-    return result
+            pairs = list if last is None else last.pairs
+            page.end(f"loss {result.found.loss:.5f} after {result.found.seconds:.0f} s", pairs)
+        twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
+        result = replace(result, twin=twin)
+        write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)
+        prepare_folder(out / "episodes")
+        for push, poses in zip(pushes, result.poses, strict=True):
+            write_pose_table(out / "episodes" / f"{push.name}.csv", poses)
+        write_twin(out, twin)
+        (out / CHECKPOINT_FILE).unlink(missing_ok=True)
+        return result
 
 
 def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list[Episode]]:

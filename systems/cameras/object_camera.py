@@ -2,6 +2,7 @@
 """Cameras of an object: Drake's RgbdSensor, and images whose alpha is the visible object."""
 
 import math
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.sensors import CameraInfo, ImageLabel16I, ImageRgba8U, RgbdSensor
 
+from pinwm_drake.errors import StateError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value
 
@@ -153,6 +155,20 @@ def downsample(colour: np.ndarray, shown: np.ndarray, factor: int) -> np.ndarray
     return picture
 
 
+_renderer_process: int | None = None  # that rendered first, of this one and those that it was forked from
+
+
+def _require_own_renderer() -> None:
+    """Raise StateError where the process was forked after a rendering: Mesa would wait for its parent's threads."""
+    global _renderer_process
+    if _renderer_process not in (None, os.getpid()):
+        raise StateError(
+            "camera: got a process that was forked from one that has rendered with Drake; "
+            'allowed: context="spawn" or "forkserver" of multiprocessing and AsyncVectorEnv'
+        )
+    _renderer_process = os.getpid()
+
+
 class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     """Cuts the object out of a camera's picture, and makes one pixel of several.
 
@@ -183,6 +199,7 @@ class ObjectImage(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         declare_value(self, "rgb_batch", object(), lambda context: picture.Eval(context)[None], made)
 
     def _CalcPicture(self, context: Context) -> np.ndarray:
+        _require_own_renderer()
         colour = np.asarray(self._colour.Eval(context).data)[..., :3]
         label = np.asarray(self._label.Eval(context).data)[..., 0]
         return downsample(colour, label == int(OBJECT_LABEL), self._factor)

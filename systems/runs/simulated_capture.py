@@ -4,7 +4,6 @@
 import dataclasses
 import math
 import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from pinwm_drake.capture.ground_truth import write_ground_truth
 from pinwm_drake.capture.pusher import pusher_surface, pushing_height
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images
-from pinwm_drake.files import appearing
+from pinwm_drake.files import appearing, scratch
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
@@ -112,7 +111,7 @@ def simulate_capture(
     Raises:
         PinwmError: An option is refused, or a file cannot be written.
     """
-    with appearing(out) as folder, tempfile.TemporaryDirectory() as models:
+    with appearing(out) as folder, scratch() as models:
         _Capture(folder, options, Path(models)).write(progress)
 
 

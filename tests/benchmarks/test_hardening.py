@@ -4,11 +4,12 @@
 import json
 import os
 import shutil
+import time
 
 import numpy as np
 import pytest
 
-from benchmarks.hardening import messages, readers
+from benchmarks.hardening import endurance, kills, messages, readers
 from benchmarks.hardening.mutations import mutate
 from benchmarks.hardening.parts import PARTS, part
 
@@ -117,3 +118,77 @@ def test_what_goes_wrong_with_messages_is_seen(tmp_path, monkeypatch, target, fa
     monkeypatch.setattr(target, fault)
     found = messages.run(tmp_path, 16, seed=5)
     assert any(words in one["wrong"] for one in found["violations"])
+
+
+@pytest.mark.parametrize(
+    ("memory", "threads", "files", "words"),
+    [
+        (0.0, 0, 0, ""),
+        (7.0, 0, 0, ""),  # 7 MB over the whole run, of which three quarters count
+        (20.0, 0, 0, "memory grew by 15."),
+        (0.0, 1, 0, "threads grew by 1"),
+        (0.0, 0, 3, "files grew by 3"),
+    ],
+)
+def test_growth_after_the_warm_up_is_seen(memory, threads, files, words):
+    noise = np.random.default_rng(0).normal(0.0, 2e5, 60)
+    rows = [
+        {
+            "done": k,
+            # 100 MB of warm-up do not count.
+            "memory": 2e8 + 1e8 * min(k / 10, 1.0) + memory * 2**20 * k / 59 + noise[k],
+            "threads": 4 + threads * (k > 50),
+            "files": 9 + files * (k > 50),
+        }
+        for k in range(60)
+    ]
+    found = endurance.judged(rows)
+    assert found["wrong"].startswith(words)
+    assert bool(found["wrong"]) == bool(words)
+    assert found["growth"] / 2**20 == pytest.approx(0.75 * memory, abs=0.3)
+
+
+def test_leaks_of_a_process_are_seen(tmp_path, monkeypatch):
+    kept = []
+
+    def leaking(size, seed):
+        for number in range(size):
+            kept.append((open(os.devnull), b"x" * 2**20))  # noqa: SIM115
+            yield number + 1
+
+    monkeypatch.setitem(endurance.WORKS, "leaking", (leaking, 60, ""))
+    rows = list(endurance.watch("leaking", 60, 0))
+    assert [row["done"] for row in rows] == list(range(1, 61))
+    wrong = endurance.judged(rows)["wrong"]
+    assert wrong.startswith("files grew by 30; memory grew by 4")
+    for file, _ in kept:
+        file.close()
+
+
+def test_times_do_not_make_results_others(tmp_path):
+    for name, seconds, value in (("one", 1.0, 2), ("two", 3.0, 2), ("other", 1.0, 3)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "a.json").write_text(json.dumps({"seconds": seconds, "inner": [{"value": value, "time": name}]}))
+        (folder / "a.csv").write_text(f"x,seconds\n{value},{seconds}\n")
+        np.savez(folder / "a.npz", x=np.array([value]), seconds=np.array(seconds))
+        (folder / "a.ply").write_bytes(bytes([value]))
+    one, two, other = (kills.contents(tmp_path / name) for name in ("one", "two", "other"))
+    assert kills.differences(one, two) == []
+    assert kills.differences(one, other) == ["a.csv", "a.json", "a.npz", "a.ply"]
+    assert kills.differences(one, {}) == ["a.csv", "a.json", "a.npz", "a.ply"]
+
+
+def test_a_killed_fork_and_what_it_leaves_are_seen(tmp_path):
+    begun = time.monotonic()
+    child = kills.begin(("doctor",), tmp_path / "log")
+    assert kills.kill(child, 0.0)
+    child = kills.begin(("nonsense",), tmp_path / "log")
+    assert not kills.kill(child, 60.0)
+    assert time.monotonic() - begun < 60.0
+    assert "nonsense" in (tmp_path / "log").read_text()
+    (tmp_path / "inner").mkdir()
+    left = [tmp_path / ".lock", tmp_path / "inner/.a~b~1~01234567.csv", tmp_path / "inner/pinwm~b~1~01234567"]
+    for path in (*left, tmp_path / "inner/a.csv"):
+        path.write_text("")
+    assert kills.leftovers(tmp_path) == sorted(map(str, left))

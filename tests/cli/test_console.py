@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: MIT
+import io
 import math
+import sys
 import time
 import warnings
 
 import pytest
 
 from pinwm_drake.cli import console
-from pinwm_drake.cli.console import duration, quiet, stages_bar
+from pinwm_drake.cli.console import duration, quiet, stages_bar, take_any_terminal
 
 
 @pytest.fixture
@@ -126,3 +128,22 @@ def test_warnings_of_others_are_silent_and_ours_take_a_line(capsys):
         assert capsys.readouterr() == ("", "")
         warnings.warn_explicit("no effect", FutureWarning, str(console.__file__), 1)
     assert capsys.readouterr() == ("", "warning: no effect\n")
+
+
+@pytest.mark.parametrize(
+    ("coding", "spelled"),
+    [
+        ("ascii", "friction mu 0.2 +-5 deg, m/s2 -> 3 x e ?"),
+        ("latin-1", "friction mu 0.2 ±5°, m/s² -> 3 × é ?"),
+        ("utf-8", "friction μ 0.2 ±5°, m/s² → 3 × é 🦆"),
+    ],
+)
+def test_signs_that_a_terminal_lacks_are_spelled(monkeypatch, coding, spelled):
+    output, errors = io.BytesIO(), io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(output, coding, write_through=True))
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(errors, coding, write_through=True))
+    take_any_terminal()
+    console.say("friction μ 0.2 ±5°, m/s² → 3 × é 🦆")
+    console.warn("μ")
+    assert output.getvalue() == f"{spelled}\n".encode(coding)
+    assert errors.getvalue().decode(coding) == ("warning: μ\n" if coding == "utf-8" else "warning: mu\n")

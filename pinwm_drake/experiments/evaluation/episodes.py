@@ -2,7 +2,6 @@
 """Runs the episodes of an evaluation, in this process or shared among several."""
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,6 +17,7 @@ from pinwm_drake.experiments.evaluation.contestant import Contestant, make_envir
 from pinwm_drake.experiments.evaluation.coverage import coverage
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
+from pinwm_drake.files import scratch
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.learning.evaluation import run_episode
 from pinwm_drake.parallel import Executor
@@ -43,7 +43,7 @@ class EpisodeRunner:
         Raises:
             PinwmError: The scene cannot be used, or is not one that the policy is made for.
         """
-        self._models = tempfile.TemporaryDirectory()  # goes when this goes
+        self._models = scratch()  # goes when this goes
         self.contestant = contestant
         self.env = make_environment(contestant, request, Path(self._models.name))
         self._policy = contestant.make(self.env)

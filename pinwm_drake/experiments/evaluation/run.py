@@ -18,7 +18,7 @@ from pinwm_drake.experiments.evaluation.results import (
 )
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
-from pinwm_drake.files import prepare_folder
+from pinwm_drake.files import occupying
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.parallel import Executor
 from pinwm_drake.report.evaluation.episode import EpisodeRecord
@@ -77,26 +77,27 @@ def evaluate(
         PinwmError: An input was refused, or a file cannot be written.
     """
     out = Path(out)
-    require("--workers", workers, workers is None or workers >= 1, "1 or more")
-    workers = workers or available()
-    processes = Executor(executor, workers=workers)
-    contestant = read_contestant(request)
-    runner = EpisodeRunner(contestant, request)
-    believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
-    settings = settings_of(request, contestant, runner.env, scene_hash(believed))
-    store = EpisodeStore(prepare_folder(out) / EPISODES, settings, resume=resume)
-    records = _run_all(runner, request, store, processes, progress)
-    evaluation = _evaluation(records)
-    provenance = provenance_of(request, contestant, runner.env, records, workers)
-    write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
-    write_episodes(out / TABLE_FILE, records, lying(runner.env))
-    done = len(records)
-    _draw(
-        out,
-        story_of(request, believed, runner.env, records, settings, provenance),
-        lambda share: progress(EvaluationProgress(done, done, evaluation, share)),
-    )
-    return evaluation
+    with occupying(out):
+        require("--workers", workers, workers is None or workers >= 1, "1 or more")
+        workers = workers or available()
+        processes = Executor(executor, workers=workers)
+        contestant = read_contestant(request)
+        runner = EpisodeRunner(contestant, request)
+        believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
+        settings = settings_of(request, contestant, runner.env, scene_hash(believed))
+        store = EpisodeStore(out / EPISODES, settings, resume=resume)
+        records = _run_all(runner, request, store, processes, progress)
+        evaluation = _evaluation(records)
+        provenance = provenance_of(request, contestant, runner.env, records, workers)
+        write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
+        write_episodes(out / TABLE_FILE, records, lying(runner.env))
+        done = len(records)
+        _draw(
+            out,
+            story_of(request, believed, runner.env, records, settings, provenance),
+            lambda share: progress(EvaluationProgress(done, done, evaluation, share)),
+        )
+        return evaluation
 
 
 def can_go_on(out: Path) -> bool:

@@ -34,8 +34,6 @@ class EpisodeStore:
         """
         # A worker may be in another folder.
         self._folder, self._about = prepare_folder(folder).absolute(), dict(about)
-        for left in folder.glob(".*.npz"):  # by a run that was killed while it wrote
-            left.unlink(missing_ok=True)
         if not resume and any(folder.glob("*.npz")):
             raise InputError(
                 folder, value="episodes of an evaluation", allowed="a new folder, or --resume to go on with them"

@@ -22,7 +22,7 @@ from pinwm_drake.errors import InputError, ParameterError, PinwmError, StateErro
 from pinwm_drake.experiments.rehearsal.faults import CONTENT, IMAGE_LIMIT, KINDS, PACE, SILENCE, STALL, FaultKind
 from pinwm_drake.experiments.rehearsal.processes import Traffic, robot_link, run_arm, run_relay, with_link
 from pinwm_drake.experiments.requests.control import RehearseRequest
-from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.files import occupying, replacing
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.provenance import timestamp, versions
@@ -142,34 +142,34 @@ def rehearse(
         InputError: The folder holds trials, and `resume` is not set; or bundle or scene cannot be used.
         StateError: The arm does not begin, or sends nothing.
     """
-    out = prepare_folder(out)
-    bundle = _aimed(request)
-    setup = _scene(request, bundle)
-    request = replace(request, scene=request.scene or setup.scenario.name)
-    trials = _begun(out, request, bundle.sha256, resume)
-    kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
-    with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
-        parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle, setup)))
+    with occupying(out):
+        bundle = _aimed(request)
+        setup = _scene(request, bundle)
+        request = replace(request, scene=request.scene or setup.scenario.name)
+        trials = _begun(out, request, bundle.sha256, resume)
+        kinds = [kind for kind in KINDS if not request.kinds or kind.name in request.kinds]
+        with ExitStack() as stack, (out / TRIALS_FILE).open("a") as file:
+            parties = functools.cache(lambda: stack.enter_context(_parties(request, bundle, setup)))
 
-        def keep(trial: Trial) -> None:
-            trials.append(trial)
-            file.write(json.dumps(asdict(trial), allow_nan=False) + "\n")
-            file.flush()
-            report(len(trials), _share(request, faults, trials), trial)
+            def keep(trial: Trial) -> None:
+                trials.append(trial)
+                file.write(json.dumps(asdict(trial), allow_nan=False) + "\n")
+                file.flush()
+                report(len(trials), _share(request, faults, trials), trial)
 
-        faults = len(kinds) * request.moments if request.faults else 0
-        for number in range(faults):
-            moment, kind = divmod(number, len(kinds))
-            seed = request.seed + moment
-            if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
-                keep(parties().fault(kinds[kind], seed))
-        normal = [one for one in trials if not one.kind]
-        number, spent = len(normal), sum(one.duration for one in normal)
-        while number < request.normal_episodes or spent < 60.0 * request.minutes:
-            keep(parties().episode(request.seed + number))
-            number, spent = number + 1, spent + trials[-1].duration
-    _write_results(out, request, bundle.sha256, trials)
-    return trials
+            faults = len(kinds) * request.moments if request.faults else 0
+            for number in range(faults):
+                moment, kind = divmod(number, len(kinds))
+                seed = request.seed + moment
+                if not any(one.kind == kinds[kind].name and one.seed == seed for one in trials):
+                    keep(parties().fault(kinds[kind], seed))
+            normal = [one for one in trials if not one.kind]
+            number, spent = len(normal), sum(one.duration for one in normal)
+            while number < request.normal_episodes or spent < 60.0 * request.minutes:
+                keep(parties().episode(request.seed + number))
+                number, spent = number + 1, spent + trials[-1].duration
+        _write_results(out, request, bundle.sha256, trials)
+        return trials
 
 
 def _share(request: RehearseRequest, faults: int, trials: list[Trial]) -> float:

@@ -7,8 +7,6 @@ object, and its convex pieces meet the pusher. The discrete approximation is "la
 floor, and the accuracy that was measured, are in docs/explanation/hydroelastic.md, "Accuracy of the plants".
 """
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.util import Finalize
@@ -36,6 +34,7 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
+from pinwm_drake.files import scratch
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
@@ -182,10 +181,10 @@ def lying_side(setup: Setup) -> np.ndarray | None:
 
 def _scratch_folder() -> Path:
     """Folder that goes when this process ends; Meshcat reads meshes again whenever it shows them."""
-    folder = Path(tempfile.mkdtemp(prefix="pinwm_plant_"))
+    folder = scratch()
     # Unlike atexit, this also works in a worker of a pool.
-    Finalize(None, shutil.rmtree, (folder, True), exitpriority=0)
-    return folder
+    Finalize(None, folder.cleanup, exitpriority=0)
+    return Path(folder.name)
 
 
 def _keep_apart(parts: ScenePlant, floor: RigidBody) -> None:
