@@ -74,7 +74,9 @@ def contents(folder):
     return tuple(found)
 
 
-@pytest.mark.parametrize("how", ["hang", "end", "memory", "message", "file"])
+@pytest.mark.parametrize(
+    "how", ["message", *(pytest.param(how, marks=pytest.mark.nightly) for how in ("hang", "end", "memory", "file"))]
+)
 def test_what_goes_wrong_is_seen(tmp_path, monkeypatch, how):
     monkeypatch.setenv("HARDENING_TRIED", how)
     monkeypatch.setattr(readers, "LONGEST", 1.0 if how == "hang" else readers.LONGEST)

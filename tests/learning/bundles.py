@@ -95,4 +95,7 @@ def refused(folder: Path, name: str | None) -> str:
     path = folder if name is None else folder / name
     assert error.value.path == str(path)
     assert "; allowed: " in str(error.value)
-    return str(error.value).removeprefix(str(path))
+    message = str(error.value)
+    if not message.startswith("..."):
+        return message.removeprefix(str(path))
+    return message.partition(f"/{path.name}")[2]  # of a long path, the end is told

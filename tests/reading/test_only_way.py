@@ -46,6 +46,8 @@ METHODS = {"read_text", "read_bytes"}
 EXCEPTIONS = {
     ("jit.py", "path.read_bytes"),  # sources of the package
     ("jit.py", "stamp.read_text"),  # stamp of the cache of kernels
+    ("jit.py", ".read_text"),  # the same of another folder
+    ("files.py", ".read_text"),  # the lock of a run, for a message
     ("experiments/doctor.py", ".read_text"),  # /proc and /sys
     ("systems/engines/lcm/receiver.py", "Image.open"),  # a message; its header is checked before
     ("systems/runs/realism/lamp.py", "trimesh.load"),  # visual meshes that ship

@@ -50,6 +50,7 @@ def predicted(folder, *, identified, fit=None, search=None, **options):
     return theta, found.twin, rows
 
 
+@pytest.mark.nightly
 def test_a_twin_of_drake_predicts_the_next_push(tmp_path):
     theta, twin, rows = predicted(
         tmp_path, identified=1, fit=SMALL_FIT, search=SMALL_SEARCH,

@@ -77,14 +77,14 @@ def evaluate(
         PinwmError: An input was refused, or a file cannot be written.
     """
     out = Path(out)
+    require("--workers", workers, workers is None or workers >= 1, "1 or more")
+    workers = workers or available()
+    processes = Executor(executor, workers=workers)
+    contestant = read_contestant(request)
+    runner = EpisodeRunner(contestant, request)
+    believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
+    settings = settings_of(request, contestant, runner.env, scene_hash(believed))
     with occupying(out):
-        require("--workers", workers, workers is None or workers >= 1, "1 or more")
-        workers = workers or available()
-        processes = Executor(executor, workers=workers)
-        contestant = read_contestant(request)
-        runner = EpisodeRunner(contestant, request)
-        believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
-        settings = settings_of(request, contestant, runner.env, scene_hash(believed))
         store = EpisodeStore(out / EPISODES, settings, resume=resume)
         records = _run_all(runner, request, store, processes, progress)
         evaluation = _evaluation(records)
