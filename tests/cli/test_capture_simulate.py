@@ -155,6 +155,7 @@ def test_options_out_of_range_are_named(pinwm, tmp_path, options, message):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.nightly
 def test_a_realistic_capture_is_a_bit_off(pinwm, made, tmp_path):
     out = tmp_path / "real"
     code, output, errors = pinwm("capture", "simulate", str(out), "--object", "cube", "--friction", "0.2",

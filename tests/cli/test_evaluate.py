@@ -131,6 +131,7 @@ def test_tolerances_and_yaw_are_those_asked_for(pinwm, scenario, policies, tmp_p
     assert document(tmp_path)["settings"]["start_yaw"] == [-3.1, 3.1]
 
 
+@pytest.mark.nightly
 def test_a_bundle_does_what_its_policy_does(pinwm, scenario, policies, tmp_path):
     from pinwm_drake.learning.export import export_policy
     from pinwm_drake.learning.policy import read_policy

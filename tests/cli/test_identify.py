@@ -60,6 +60,7 @@ def test_images_that_are_explained_badly_are_told():
     assert _doubt(0.0195).endswith("--time-step 0.001")
 
 
+@pytest.mark.nightly
 def test_one_unknown_alone(pinwm, capture, tmp_path):
     write_appearance(tmp_path)
     arguments = ("--free", "friction_floor", "--hold", "friction_pusher=0.3", "--time-step", "0.005")

@@ -40,7 +40,7 @@ def test_before_that_it_ends_the_process_with_one_line():
     assert end.stdout.strip() == "stopped by SIGTERM before it was armed: nothing was moved"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.nightly)])
 def test_an_armed_controller_stops_for_ctrl_c_and_sigterm_through_a_terminal(number):
     pid, terminal = pty.fork()
     if pid == 0:

@@ -8,6 +8,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
@@ -64,6 +65,7 @@ def test_a_student_learns_from_a_given_teacher(tmp_path):
     assert isinstance(again.exception, InputError)
 
 
+@pytest.mark.nightly
 def test_a_run_that_was_killed_goes_on_with_the_same_result(tmp_path):
     arguments = ["push_t", "--method", "state", "--steps", "768", "--round-steps", "256", *SHORT]
     assert train(*arguments, "-o", tmp_path / "whole").exit_code == 0

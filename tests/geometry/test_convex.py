@@ -110,6 +110,7 @@ def coarse_mug() -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
+@pytest.mark.nightly
 def test_a_decomposed_mug_is_open_inside():
     # 12 segments: coacd needs seconds for them, 10 s for the 64 of the model.
     mesh = coarse_mug()

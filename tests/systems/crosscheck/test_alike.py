@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.geometry.meshes import load_mesh
@@ -84,6 +85,7 @@ def test_a_good_twin_of_strong_support_passes_and_one_of_twice_the_friction_fail
     assert not bad.passed
 
 
+@pytest.mark.nightly
 def test_a_plant_of_uniform_pressure_judges_like_with_like_and_tells_the_effect():
     setup, options = setup_of(**STRONG), CrossCheckOptions(engines=("hydroelastic",), pushes=1)
     found = crosscheck(setup, options)

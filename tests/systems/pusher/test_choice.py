@@ -26,6 +26,7 @@ def lying_mug():
     return mesh, p_WB
 
 
+@pytest.mark.nightly
 def test_no_push_or_poke_starts_in_a_mug_that_lies(lying_mug):
     mesh, p_WB = lying_mug
     low, high = mesh.bounds
