@@ -10,7 +10,6 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError, RenderingError
-from pinwm_drake.reading.contents import guarded
 from pinwm_drake.reading.meshes import read_scene
 from pinwm_drake.rendering.harmonics import Y0
 from pinwm_drake.rendering.patches import EVEN, Patches, crease_ends, farthest, keep_inside, line_creases, spread
@@ -57,13 +56,6 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
     if number < _FEWEST:
         raise RenderingError(f"painted_surfels got number={number}; allowed: 100 or more")
     mesh, colours = _read(visual_path)
-    with guarded(visual_path, "a mesh whose faces have areas"):
-        patches, sh = _placed(mesh, colours, number, seed)
-    return replace(as_surfels(patches, _OPACITY), sh=sh[:, None])
-
-
-def _placed(mesh: trimesh.Trimesh, colours: np.ndarray, number: int, seed: int) -> tuple[Patches, torch.Tensor]:
-    """Return patches on a mesh, and the harmonics (N, 3) of their colours."""
     generator = np.random.default_rng(seed)
     step = float(mesh.extents.max()) / _STEPS
     creases = cKDTree(_crease_points(mesh, 0.5 * step))
@@ -85,7 +77,7 @@ def _placed(mesh: trimesh.Trimesh, colours: np.ndarray, number: int, seed: int) 
     keep_inside(fill, mesh)
     patches = Patches.join(rows, fill)
     sh = torch.from_numpy((colours[_faces_under(mesh, patches.points)[0]] - 0.5) / Y0).float()
-    return patches, sh
+    return replace(as_surfels(patches, _OPACITY), sh=sh[:, None])
 
 
 def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
