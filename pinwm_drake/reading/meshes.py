@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import trimesh
 from trimesh.exchange.ply import load_ply
 from trimesh.resolvers import Resolver
@@ -85,9 +86,13 @@ def read_scene(path: Path, allowed: str = _ALLOWED) -> trimesh.Scene:
         warnings.simplefilter("ignore")
         kind = path.suffix[1:].lower()
         beside = _Beside(path.parent)
-        return trimesh.load_scene(
+        scene = trimesh.load_scene(
             io.BytesIO(mesh_contents(path)), file_type=kind, resolver=beside, process=False, group_material=True
         )
+        for mesh in scene.geometry.values():
+            if np.shape(getattr(mesh, "vertices", np.zeros((0, 3))))[1:] != (3,):  # trimesh takes an OBJ of "v 1 2"
+                raise InputError(path, value="a vertex without three coordinates", allowed='"v x y z"')
+        return scene
 
 
 def read_elements(path: Path, allowed: str) -> tuple[dict[str, Any], bytes]:

@@ -252,3 +252,10 @@ def test_a_table_of_too_many_columns(tmp_path):
     assert "1000 columns at most" in refused(read_rows, tmp_path / "a.csv")
     (tmp_path / "a.csv").write_text('a,b\n1,"2\n3"\n')
     assert read_rows(tmp_path / "a.csv") == [(1, ["a", "b"]), (3, ["1", "2\n3"])]
+
+
+@pytest.mark.parametrize("line", ["v 0.1", "v 0.1 0.2"])
+def test_vertices_without_three_coordinates_are_refused(tmp_path, line):
+    (tmp_path / "a.obj").write_text(f"{line}\n" * 3 + "f 1 2 3\n")
+    assert "allowed: " in refused(read_scene, tmp_path / "a.obj")
+    assert "allowed: " in refused(read_objects, tmp_path / "a.obj")
