@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from tests.cli.evaluations import SCENARIO
+
 Generator = np.random.Generator
 _TIMES = (
     "second",
@@ -40,16 +42,6 @@ _TIMES = (
 )
 _SKIPPED = (".html", ".mp4", ".config.yaml", "progress.png", ".txt", ".md", "checkpoint.npz", "training.png")
 _SKIPPED_FOLDERS = ("tensorboard",)
-_SCENE = """
-units: {length: m, mass: kg, time: s, angle: rad}
-name: small push
-object: t_block
-theta: {mass: 1.0, friction_floor: 0.1, friction_pusher: 0.1, restitution: 0.0}
-pusher: {max_speed: 0.3, low: [-0.3, -0.3, 0.01], high: [0.3, 0.3, 0.2]}
-physics: {time_step: 0.008333333333333333}
-camera: {width: 32, height: 32}
-start: {x: [-0.02, 0.02], y: [-0.02, 0.02], yaw: [-0.3, 0.3]}
-"""
 
 
 @dataclass(frozen=True)
@@ -78,7 +70,7 @@ def commands(inputs: Path) -> dict[str, Command]:
         inputs.mkdir()
         write_views(inputs / "views")
         write_capture(inputs / "push")
-        scene.write_text(_SCENE)
+        scene.write_text(SCENARIO)
     small = ("--max-surfels", "120", "--sh-degree", "1", "--threads", "1", "--iterations", "400")
     quick = (
         "--starts",
