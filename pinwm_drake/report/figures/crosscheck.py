@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from pinwm_drake.report.outline import draw_outline
 from pinwm_drake.report.style import (
-    BELOW_LABEL,
     GREY,
     PUSHER,
     TRUTH,
@@ -82,6 +81,8 @@ def crosscheck_figure(
         axes[name].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
     _draw_paths(axes["top"], mesh, paths, p_WP)
     axes["top"].set_title(f"push {worst}, the worst one, from above", fontsize=9, color=GREY)
+    lines, names = axes["top"].get_legend_handles_labels()
+    figure.legend(lines, names, frameon=False, fontsize=8, ncol=len(names), loc="outside lower right")
     tidy(axes.values())
     save_figure(path, figure)
 
@@ -113,11 +114,3 @@ def _draw_paths(
     axes.plot(*(1e3 * p_WP[:, :2].T), color=PUSHER, linewidth=1, linestyle="--", label="pusher")
     axes.set_aspect("equal")
     label_plane(axes)
-    axes.legend(
-        frameon=False,
-        fontsize=8,
-        ncol=len(paths) + 1,
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.0),
-        borderaxespad=BELOW_LABEL,
-    )
