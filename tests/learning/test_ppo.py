@@ -45,7 +45,7 @@ def test_the_mean_of_the_levels_next_to_an_action_is_that_action():
 def test_it_learns_from_the_state(tmp_path):
     spec = toy_spec("state")
     options = PpoOptions(
-        steps=12_000,
+        steps=8_000,
         round_steps=4_000,
         n_steps=32,
         batch_size=128,
