@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: MIT
+import io
 import math
 import os
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -16,19 +18,20 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 ROOT = Path(__file__).resolve().parent.parent
 
 
-@pytest.fixture
-def pinwm(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+@pytest.fixture(scope="session")
+def pinwm() -> Callable[..., tuple[int, str, str]]:
     """Runs `pinwm` in this process: arguments in; exit code, output and error output back."""
 
     def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["pinwm", *arguments])
-        monkeypatch.setattr(console, "_FIRST", math.inf)  # no line on progress, however slow the machine is
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code or 0
-        return code, *capsys.readouterr()
+        code, output, errors = 0, io.StringIO(), io.StringIO()
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(output), redirect_stderr(errors):
+            patch.setattr(sys, "argv", ["pinwm", *arguments])
+            patch.setattr(console, "_FIRST", math.inf)  # no line on progress, however slow the machine is
+            try:
+                main()
+            except SystemExit as end:
+                code = end.code or 0
+        return code, output.getvalue(), errors.getvalue()
 
     return run
 

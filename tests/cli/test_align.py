@@ -15,10 +15,10 @@ from pinwm_drake.experiments import alignment
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.live.page import PAGE_FILE, PICTURE_FILE, ProgressPage
 from tests.capture.cube import HEIGHT, SIDE, write_capture, write_views
-from tests.streams import without_note
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ["--max-surfels", "120", "--sh-degree", "1"]
+BRIEF = ["--iterations", "30", *SMALL]
 CONFIG = "align.config.yaml"
 RESULTS = [CONFIG, "align.json", "align.png", "checkpoint.npz", "surfels.ply", "turntable.mp4", "view.html"]
 
@@ -134,16 +134,16 @@ def test_a_mesh_that_does_not_fit_its_masks_is_refused_before_the_fit(pinwm, tmp
 
 
 @pytest.fixture(scope="module")
-def whole(capture, tmp_path_factory):
+def whole(pinwm, capture, tmp_path_factory):
     """surfels.ply of a fit that nothing interrupts."""
     out = tmp_path_factory.mktemp("whole")
-    run_script("main()", capture, out)
+    assert pinwm("align", str(capture), str(out), *BRIEF)[0] == 0
     return (out / "surfels.ply").read_bytes()
 
 
 def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subprocess.CompletedProcess:
     """Runs `pinwm align` with 30 iterations in a process of its own, with some code around it."""
-    command = ["align", str(capture), str(out), "--iterations", "30", *SMALL, *arguments]
+    command = ["align", str(capture), str(out), *BRIEF, *arguments]
     lines = [
         "import os, resource, sys",
         "from pinwm_drake.cli import main",
@@ -155,38 +155,60 @@ def run_script(code: str, capture: Path, out: Path, *arguments: str) -> subproce
     return subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
 
 
-INTERRUPT = """
+@pytest.fixture
+def goes_on(pinwm, capture, whole, tmp_path):
+    """Checks that --resume leads to what a fit that nothing interrupts makes."""
+
+    def check():
+        code, _, errors = pinwm("align", str(capture), str(tmp_path), *BRIEF, "--resume")
+        assert (code, errors) == (0, "")
+        assert sorted(os.listdir(tmp_path)) == RESULTS
+        assert (tmp_path / "surfels.ply").read_bytes() == whole
+
+    return check
+
+
+def test_a_fit_that_ctrl_c_ended_goes_on_as_if_it_had_not_been(pinwm, capture, goes_on, tmp_path, monkeypatch):
+    fit = alignment.fit
+
+    def interrupted(*arguments, progress, **options):
+        def told(iteration, *figures):
+            progress(iteration, *figures)
+            if iteration == 25:
+                raise KeyboardInterrupt
+
+        return fit(*arguments, progress=told, **options)
+
+    monkeypatch.setattr(alignment, "_CHECKPOINT_EVERY", 20)
+    with monkeypatch.context() as patch:
+        patch.setattr(alignment, "fit", interrupted)
+        code, output, errors = pinwm("align", str(capture), str(tmp_path), *BRIEF)
+    assert (code, errors) == (1, "")
+    assert "interrupted after iteration 25; go on with --resume" in output
+    assert sorted(os.listdir(tmp_path)) == [CONFIG, "checkpoint.npz"]
+    goes_on()
+
+
+KILL = """
 fit = alignment.fit
-def interrupted(*arguments, progress, **options):
+def killed(*arguments, progress, **options):
     def told(iteration, *figures):
         progress(iteration, *figures)
         if iteration == 25:
-            {action}
+            os.kill(os.getpid(), 9)
     return fit(*arguments, progress=told, **options)
-alignment.fit = interrupted
+alignment.fit = killed
 main()
 """
 
 
-@pytest.mark.parametrize(
-    ("action", "code"),
-    [
-        pytest.param("raise KeyboardInterrupt", 1, id="ctrl-c", marks=pytest.mark.nightly),
-        pytest.param("os.kill(os.getpid(), 9)", -9, id="kill-9"),
-    ],
-)
-def test_an_interrupted_fit_goes_on_as_if_it_had_not_been(capture, whole, tmp_path, action, code):
-    run = run_script(INTERRUPT.format(action=action), capture, tmp_path)
-    assert run.returncode == code, run.stderr
-    assert "Traceback" not in run.stderr
-    # A killed run leaves its lock, which the next one takes over.
-    assert sorted(os.listdir(tmp_path)) == ([CONFIG] if code == 1 else [".pinwm.lock"]) + ["checkpoint.npz"]
-    if code == 1:
-        assert "interrupted after iteration 25; go on with --resume" in run.stdout
-    run = run_script("main()", capture, tmp_path, "--resume")
-    assert (run.returncode, without_note(run.stderr)) == (0, "")
-    assert sorted(os.listdir(tmp_path)) == RESULTS
-    assert (tmp_path / "surfels.ply").read_bytes() == whole
+@pytest.mark.nightly
+def test_a_killed_fit_goes_on_as_if_it_had_not_been(capture, goes_on, tmp_path):
+    run = run_script(KILL, capture, tmp_path)
+    assert run.returncode == -9, run.stderr
+    # It leaves its lock, which the next one takes over.
+    assert sorted(os.listdir(tmp_path)) == [".pinwm.lock", "checkpoint.npz"]
+    goes_on()
 
 
 FULL_DISK = """

@@ -29,6 +29,7 @@ def test_a_capture_is_checked_in_a_container(pinwm, tmp_path):
     assert kernels.stat().st_mode & 0o77 == 0
 
 
+@pytest.mark.nightly
 def test_a_twin_rolls_out_in_a_container(pinwm, tmp_path):
     scene = write_scenario(tmp_path)
     options = ("--engine", "twin", "--duration", "0.1", "-o")
@@ -77,7 +78,7 @@ def test_a_working_folder_that_is_gone(tmp_path):
 
 
 def test_a_limit_of_memory_is_told_in_one_line():
-    script = "import resource; resource.setrlimit(resource.RLIMIT_AS, (10**9, 10**9))\n"
+    script = "import resource; resource.setrlimit(resource.RLIMIT_AS, (5 * 10**8, 5 * 10**8))\n"
     script += "from pinwm_drake.cli import main; main()"
     command = [sys.executable, "-c", script, "capture", "check", "t_block"]
     here = {**os.environ, "PYTHONPATH": str(ROOT)}

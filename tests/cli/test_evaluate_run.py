@@ -11,7 +11,6 @@ import pytest
 
 from pinwm_drake.experiments.evaluation.episodes import run_episodes
 from tests.cli.evaluations import document, rows, write_scenario
-from tests.streams import without_note
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--engine", "twin", "--episodes", "3", "--max-steps", "4", "--workers", "1"]
@@ -23,14 +22,12 @@ def scenario(tmp_path_factory) -> str:
 
 
 @pytest.fixture(scope="module")
-def evaluated(scenario, tmp_path_factory) -> Path:
+def evaluated(pinwm, scenario, tmp_path_factory) -> Path:
     """What one process makes of it, in three episodes."""
     out = tmp_path_factory.mktemp("evaluate") / "new/out"
-    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "evaluate", "random"]
-    options = [*SHORT, "--scene", scenario, "--seed", "5", "-o", str(out)]
-    end = subprocess.run([*command, *options], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (end.returncode, without_note(end.stderr)) == (0, "")
-    (out.parent / "output.txt").write_text(end.stdout)
+    code, output, errors = pinwm("evaluate", "random", *SHORT, "--scene", scenario, "--seed", "5", "-o", str(out))
+    assert (code, errors) == (0, "")
+    (out.parent / "output.txt").write_text(output)
     return out
 
 

@@ -93,14 +93,13 @@ def test_help_shows_an_example(pinwm):
 
 
 @pytest.fixture(scope="module")
-def episode(scenario, tmp_path_factory) -> Path:
+def episode(pinwm, scenario, tmp_path_factory) -> Path:
     """What one run writes; its output is beside it."""
     folder = tmp_path_factory.mktemp("simulate")
     options = ["--seed", "5", "-o", folder / "new/ep", "--video", folder / "film.mp4", "--record", folder / "page.html"]
-    command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "simulate", scenario, *options]
-    end = subprocess.run(list(map(str, command)), cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (end.returncode, without_note(end.stderr)) == (0, "")
-    (folder / "output.txt").write_text(end.stdout)
+    code, output, errors = pinwm("simulate", scenario, *map(str, options))
+    assert (code, errors) == (0, "")
+    (folder / "output.txt").write_text(output)
     return folder
 
 

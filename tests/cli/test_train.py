@@ -18,6 +18,7 @@ from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
 SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1", "--episodes", "4"]
+CLOSER = ["--tolerance", 0.01, "--turn-tolerance", 0.1]
 TINY = ["--images", "200", "--updates", "10"]
 
 
@@ -30,22 +31,29 @@ def weights(folder):
         return {name: file[name] for name in file.files if name != "about"}
 
 
-def test_a_teacher_is_trained_and_kept(tmp_path):
-    closer = ["--tolerance", 0.01, "--turn-tolerance", 0.1]
-    out = train("push_t", "-o", tmp_path / "run", "--method", "state", "--steps", 512, *closer, *SHORT)
+@pytest.fixture(scope="module")
+def teacher(tmp_path_factory):
+    """Folder of a brief training, and what it printed."""
+    run = tmp_path_factory.mktemp("teacher") / "run"
+    out = train("push_t", "-o", run, "--method", "state", "--steps", 512, *CLOSER, *SHORT)
     assert out.exit_code == 0, out.output
+    return run, out.output
+
+
+def test_a_teacher_is_trained_and_kept(teacher):
+    run, output = teacher
     # Not a terminal: plain lines, of the beginning, of rollouts and of the round.
-    lines = [line for line in out.output.splitlines() if line.startswith("teacher ")]
+    lines = [line for line in output.splitlines() if line.startswith("teacher ")]
     assert lines[0] == "teacher   0%  getting ready  -:--:-- left"
     assert re.search(r"teacher 100%  512 steps  \d+ steps/s  loss .* success \d+% in \d+ actions, best", lines[-1])
     assert re.search(r"\d:\d\d:\d\d taken$", lines[-1])
-    policy = read_policy(tmp_path / "run")
+    policy = read_policy(run)
     assert policy.spec.observes == "state"
     assert policy.provenance["trained_in"]["delta"] == 0.1
     assert policy.provenance["seed"] == 0
     assert policy.provenance["home"] == {"scene": "push_t"}
-    assert (tmp_path / "run" / "training.png").stat().st_size > 1000
-    assert list((tmp_path / "run" / "teacher" / "tensorboard").iterdir())
+    assert (run / "training.png").stat().st_size > 1000
+    assert list((run / "teacher" / "tensorboard").iterdir())
     # What it acts in is what it was trained in.
     worlds = TrainingWorlds(
         "push_t", training_options(image_size=32, task={"tolerance": 0.01, "turn_tolerance": 0.1}), num_worlds=4
@@ -53,9 +61,8 @@ def test_a_teacher_is_trained_and_kept(tmp_path):
     assert replace(worlds.spec("state"), head="dither", width=128) == policy.spec
 
 
-def test_a_student_learns_from_a_given_teacher(tmp_path):
-    assert train("push_t", "-o", tmp_path / "t", "--method", "state", "--steps", 256, *SHORT).exit_code == 0
-    out = train("push_t", "-o", tmp_path / "s", "--teacher", tmp_path / "t", "--rounds", 1, *TINY, *SHORT)
+def test_a_student_learns_from_a_given_teacher(teacher, tmp_path):
+    out = train("push_t", "-o", tmp_path / "s", "--teacher", teacher[0], "--rounds", 1, *TINY, *CLOSER, *SHORT)
     assert out.exit_code == 0, out.output
     policy = read_policy(tmp_path / "s")
     assert policy.spec.observes == "rgb"

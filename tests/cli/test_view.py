@@ -108,6 +108,7 @@ def listening(process: subprocess.Popen) -> set[tuple[str, int]]:
     return found
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs Linux's table of sockets")
 def test_the_server_listens_on_this_machine_only_and_ends_cleanly(splats):
     command = [sys.executable, "-c", "from pinwm_drake.cli import main; main()", "view", str(splats)]

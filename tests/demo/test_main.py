@@ -151,6 +151,7 @@ def test_a_capture_with_an_error_is_refused(tmp_path):
         run_demo(tmp_path / "out", DemoOptions(capture=capture))
 
 
+@pytest.mark.nightly
 def test_the_second_process_compiles_and_tells_what_it_took():
     with compiling(shipped_capture(), TINY.identify) as wait:
         cost = wait()

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: MIT
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+
+import pinwm_drake as pw
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -22,6 +25,7 @@ def run_example(page, number, of):
 
 def test_the_readmes_example_runs_and_does_what_it_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(pw, "EvaluateRequest", partial(pw.EvaluateRequest, max_steps=2))  # of a hundred
     names = run_example(README, 0, of=1)
     # The pusher goes 100 mm in a second and takes the block with it; more friction on the floor stops that sooner.
     assert names["end"].p_WB[0, 0, 0] > 0.01

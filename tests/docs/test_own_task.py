@@ -49,6 +49,7 @@ def test_the_environment_pays_for_the_way_to_the_line(folder, capsys):
     assert task.near_goal(task.state(state, p_WP)[0])
 
 
+@pytest.mark.nightly
 def test_a_round_is_trained_and_its_policy_can_be_read(folder, capsys):
     names = run(ROUND)
     task = names["slide"].SlideTask()

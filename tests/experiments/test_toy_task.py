@@ -66,6 +66,7 @@ def scenario(folder, task: str) -> str:
     return str(path)
 
 
+@pytest.mark.nightly
 def test_a_task_of_its_own_is_trained_evaluated_and_exported(tmp_path):
     scene = scenario(tmp_path, "toy_slide")
     short = {"worlds": 4, "image_size": 32, "frames": 2, "threads": 1, "steps": 256, "round_steps": 256}

@@ -47,7 +47,7 @@ def weights(policy):
 
 def test_the_student_learns_to_act_from_images(tmp_path, teacher):
     spec = toy_spec("rgb")
-    options = DistilOptions(rounds=4, round_images=1600, updates=120, batch_size=64, episodes=32)
+    options = DistilOptions(rounds=4, round_images=800, updates=60, batch_size=64, episodes=16)
     policy = train_distil(ToyWorlds(), teacher, spec, options, StageRun(tmp_path, "distil"))
     assert isinstance(policy.actor, ImageActor)
     found = evaluate_worlds(ToyWorlds(), policy, 64, seed=5)

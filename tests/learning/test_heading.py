@@ -240,7 +240,7 @@ def test_a_policy_begins_with_what_it_is_shown(tmp_path):
         action = Heading(TASK).action(along.repeat(number, 1), state).numpy()
         return Waypoints(states, p_WP, action), state
 
-    known, (other, state) = shown(500, 1)[0], shown(100, 2)
+    known, (other, state) = shown(250, 1)[0], shown(100, 2)
     errors = []
     for k, one in enumerate((known, known, Waypoints(), None)):
         policy = train_ppo(Turntable(), flip_spec(), options, StageRun(tmp_path / str(k), "teacher"), shown=one)

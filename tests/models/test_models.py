@@ -19,6 +19,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import PackageMap
 from pydrake.systems.sensors import CameraInfo
+from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.meshes import load_mesh
@@ -158,12 +159,13 @@ def test_colours_show_which_way_an_object_has_turned(name, turns):
     triangles = corners[faces[:, :, 0]]
     area = 0.5 * np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     middles = triangles.mean(axis=1)
+    places = cKDTree(middles)
     for k in range(1, turns):
         angle = 2 * math.pi * k / turns
         turned = middles @ np.array(
             [[math.cos(angle), math.sin(angle), 0], [-math.sin(angle), math.cos(angle), 0], [0, 0, 1]]
         )
-        nearest = np.linalg.norm(turned[:, None] - middles, axis=2).argmin(axis=1)
+        nearest = places.query(turned)[1]
         # At least a tenth of the surface has another colour, also after one facet of the mug.
         share = area[colours != colours[nearest]].sum() / area.sum()
         assert share > (0.1 if name != "mug" or 4 <= k <= 60 else 0.02)

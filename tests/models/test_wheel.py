@@ -49,9 +49,15 @@ def test_source_distribution_builds_the_same_wheel(wheel, tmp_path):
     assert sorted(zipfile.ZipFile(built).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
-def test_installed_wheel_finds_its_models(wheel, tmp_path):
-    site = tmp_path / "site"
-    pip("install", "--no-index", "--target", site, wheel, cwd=tmp_path)
+@pytest.fixture(scope="module")
+def site(wheel: Path) -> Path:
+    """The folder that the wheel is installed in."""
+    folder = wheel.parent / "site"
+    pip("install", "--no-index", "--no-compile", "--target", folder, wheel, cwd=wheel.parent)
+    return folder
+
+
+def test_installed_wheel_finds_its_models(site, tmp_path):
     code = """
 import pinwm_drake, pinwm_drake.models as models
 print(pinwm_drake.__file__)
@@ -66,9 +72,7 @@ for name in models.model_names():
     assert {Path(file).relative_to(site / "pinwm_drake" / "models").as_posix() for file in files} >= expected
 
 
-def test_drake_loads_the_models_of_an_installed_wheel(wheel, tmp_path):
-    site = tmp_path / "site"
-    pip("install", "--no-index", "--target", site, wheel, cwd=tmp_path)
+def test_drake_loads_the_models_of_an_installed_wheel(site, tmp_path):
     code = """
 from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
 from pydrake.multibody.parsing import Parser

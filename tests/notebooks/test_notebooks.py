@@ -11,8 +11,6 @@ from notebooks.execute import execute
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-# The first runs with every change, the others at night: each takes half a minute of CPU.
-SOME_NIGHTLY = [NOTEBOOKS[0], *(pytest.param(path, marks=pytest.mark.nightly) for path in NOTEBOOKS[1:])]
 LONGEST_CELL = 30  # lines
 MOST_IMPORTS = 5  # lines of a notebook
 LARGEST = 700e3  # bytes of a stored notebook
@@ -61,7 +59,9 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "work"
 
 
-@pytest.mark.parametrize("path", SOME_NIGHTLY, ids=lambda path: path.stem)
+# Each takes half a minute of CPU.
+@pytest.mark.nightly
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs_and_shows_what_is_stored(path, folder):
     stored, notebook = (nbformat.read(path, as_version=4) for _ in range(2))
     reached = set()

@@ -184,8 +184,9 @@ def test_with_a_key_no_third_process_moves_the_arm_or_stops_it():
     # In a session, with all that there is on the wire: forged, zero, garbage, replayed, and changed.
     for k in range(1, 30):
         now = line.sign(line.message(A, (0.1, 0.001 * k, 0.0)))
+        changed = now[:-1] + bytes([now[-1] ^ 1])
         forged = line.message(B, (-0.2, 0.0, 0.0)), line.message(0, (0.0, 0.0, 0.0)), line.message(A, (0.0, 0.3, 0.0))
-        gate = line.send(*forged, b"garbage", b"", past, now, now, past, now[:-1] + b"?", *forged)
+        gate = line.send(*forged, b"garbage", b"", past, now, now, past, changed, *forged)
         assert (gate.mode, gate.session, gate.velocity) == (LIVE, A, (0.1, 0.001 * k, 0.0))
         past = now
     assert gate.used == (A,)

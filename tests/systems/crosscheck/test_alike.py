@@ -74,7 +74,7 @@ def test_points_that_leave_their_side_are_spread_only_where_no_other_side_may_co
 
 
 def test_a_good_twin_of_strong_support_passes_and_one_of_twice_the_friction_fails():
-    setup, options = setup_of(**STRONG), CrossCheckOptions(engines=("point",), pushes=2)
+    setup, options = setup_of(**STRONG), CrossCheckOptions(engines=("point",), pushes=1)
     (good,) = crosscheck(setup, options).verdicts
     assert good.passed
     # Measured over four: 0.6 mm and 0.1 degrees; 3.3 mm and 8 degrees where the plant's pressure was uniform.

@@ -78,7 +78,7 @@ def test_rounds_make_a_plan_more_robust(worlds, tmp_path):
     assert shares[1] > shares[0] + 0.1 > 0.1
 
 
-@pytest.mark.parametrize("after", [1, 4])
+@pytest.mark.parametrize("after", [1, pytest.param(4, marks=pytest.mark.nightly)])
 def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_path, after):
     class Killed(Exception):
         pass

@@ -58,7 +58,7 @@ def scenario(period):
     )
 
 
-@pytest.fixture(scope="module", params=[1, 16])
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.nightly), 16])
 def recorder(request):
     """The pusher's velocity changes at every step of the plant, or with the rows of the log."""
     return SceneRecorder(scenario(request.param * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)

@@ -38,6 +38,7 @@ def found(pushed, budget=None, *, seed=0, exact=True, pushes=2, **changes):
     return identify_asid(capture, episodes[:pushes], surfels(), (0.0, 0.0), options, seed=seed, poses=poses)
 
 
+@pytest.mark.nightly
 def test_theta_is_recovered_from_exact_poses(pushed):
     result = found(pushed, GENEROUS)
     theta = {name: one.value for name, one in result.twin.theta.items()}

@@ -93,7 +93,7 @@ def test_friction_and_centre_of_mass_are_found_again(pushed):
 
 def test_a_friction_is_looked_for_in_the_range_that_is_given(pushed):
     body, _ = pushed
-    poses, options = recorded(body, 0.9), replace(OPTIONS, starts=1)
+    poses, options = recorded(body, 0.9), replace(OPTIONS, starts=1, iterations=60)
     usual, wide = (
         identify_planar(body, poses, trajectory(), RADIUS, mass=MASS, options=replace(options, friction=ends))
         for ends in ((0.005, 0.5), (0.05, 1.0))
