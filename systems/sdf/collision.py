@@ -4,13 +4,15 @@
 from collections.abc import Sequence
 from itertools import pairwise, permutations, product
 
+import manifold3d
 import numpy as np
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
-from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece
+from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
@@ -20,6 +22,83 @@ _SLIVER = 1e-5
 _SAME_SIDE = 1e-3  # between normals of one side
 # Of a piece's longest edge: corners that are off by less are those of a box.
 _SQUARE = 1e-7
+# Sides of the prism that a cylinder is for the floor, and divisions of what a sphere is: 3 and 34 µm of 40 mm are off.
+SECTIONS, _DIVISIONS = 256, 4
+_LID = 1e-6  # m
+
+
+def met_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Pieces that meet the pusher in point contact, frame of the mesh: primitives, but those with open ends.
+
+    Args:
+        pieces: Convex pieces of a mesh.
+        primitives: What it acts as.
+    """
+    return [piece for piece in acting_pieces(pieces, primitives) if not any(piece.open_ends)]
+
+
+def carrying_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Hulls that carry an object in hydroelastic contact, frame of the mesh: a floor gets into no open end.
+
+    Arguments are those of `met_pieces`. Round primitives are hulls of many sides.
+    """
+    acting, kept, k = acting_pieces(pieces, primitives), [], 0
+    while k < len(acting):
+        kept.append(acting[k])
+        k += 1 + acting[k].hides
+    return [piece if piece.kind == HULL else convex_hull(_many_sides(piece).vertices, 1e-9) for piece in kept]
+
+
+def met_mesh(mesh: trimesh.Trimesh, primitives: Sequence[Primitive]) -> trimesh.Trimesh:
+    """Surface that meets the pusher in hydroelastic contact: that of a mesh, with primitives in the place of its parts.
+
+    What is behind an open end of a primitive, as the cavity of a mug, stays.
+
+    Args:
+        mesh: Watertight, m.
+        primitives: What it acts as, same frame.
+    """
+    others = [primitive for primitive in primitives if not primitive.is_mesh]
+    if not others:
+        return mesh
+    solid = _manifold(mesh)
+    for primitive in others:
+        whole = _manifold(_many_sides(primitive.piece()))
+        if any(primitive.open_ends):
+            on = np.abs(primitive.depth(mesh.vertices)) < 2.0 * primitive.tolerance
+            hollow = _manifold(trimesh.convex.convex_hull(mesh.vertices[on])) - solid
+            # Rounding must leave no lid on it.
+            out = _LID * primitive.R_OG[:, 2]
+            ways = [way for way, is_open in zip((-out, out), primitive.open_ends, strict=True) if is_open]
+            parts = [hollow, *(hollow.translate(way) for way in ways)]
+            whole -= manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+        solid = whole if len(primitives) == 1 and not any(primitive.open_ends) else solid + whole
+    made = solid.to_mesh64()
+    return trimesh.Trimesh(np.array(made.vert_properties[:, :3]), np.array(made.tri_verts, int), process=False)
+
+
+def _manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    vertices, faces = np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.uint64)
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
+
+
+def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
+    """Mesh of a piece; of a sphere, capsule or cylinder with its corners on it."""
+    if piece.kind == HULL:
+        return trimesh.convex.convex_hull(piece.vertices)
+    ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
+    points = (piece.vertices[:, None] + ball).reshape(-1, 3)
+    if piece.kind == CYLINDER:
+        points = rims(piece)
+    return trimesh.convex.convex_hull(points)
+
+
+def rims(cylinder: ConvexPiece) -> np.ndarray:
+    """Points (2 SECTIONS, 3) m evenly on the rims of a cylinder."""
+    R, angles = turned_down(cylinder.vertices[0] - cylinder.vertices[1]), 2.0 * np.pi * np.arange(SECTIONS) / SECTIONS
+    across = R[:2] / np.linalg.norm(R[:2], axis=1, keepdims=True)
+    circle = cylinder.radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+    return np.concatenate([end + circle for end in cylinder.vertices])
 
 
 def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
@@ -177,12 +256,16 @@ def seen_mesh(mesh: trimesh.Trimesh) -> str:
 
 
 def support_spheres(
-    mesh: trimesh.Trimesh, spread: Sequence[float] = EVEN, down: np.ndarray | None = None
+    mesh: trimesh.Trimesh,
+    spread: Sequence[float] = EVEN,
+    down: np.ndarray | None = None,
+    primitives: Sequence[Primitive] = (),
 ) -> list[tuple[np.ndarray, float]]:
     """Spheres with which an object touches a floor in point contact.
 
     On each flat side that it can rest on they are where `spread_points` puts the pressure, and stand out by their
-    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
+    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls. Round primitives roll
+    on their rims, which have `SECTIONS` each, or on spheres of their own.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -190,10 +273,12 @@ def support_spheres(
         down: (3,) outward normal of the side that lies on the floor all the time; None where any may come to. Only
             there may points leave the side: elsewhere they would touch the floor while another side lies on it. Where
             points of any side would, the other sides have uniform pressure.
+        primitives: What the object acts as, frame O.
 
     Returns:
         Centre (3,) [m, frame O] and radius [m] of each.
     """
+    mesh = acting_mesh(mesh, primitives)
     spheres, sides = [], resting_normals(mesh)
     all_fit = all(stays_within(mesh, normal, spread) for normal in sides)
     for normal in sides:
@@ -201,8 +286,17 @@ def support_spheres(
         points = spread_points(mesh, normal, spread if fits else EVEN)
         if points is not None:
             spheres += [(point, SUPPORT_RADIUS) for point in points - PROTRUSION * normal]
-    corners = trimesh.convex.convex_hull(mesh.vertices).vertices
-    return spheres + [(np.asarray(corner), CORNER_RADIUS) for corner in corners]
+    corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
+    for primitive in primitives:
+        if primitive.kind == "box":
+            continue
+        corners = corners[np.abs(primitive.depth(corners)) > 2.0 * primitive.tolerance]
+        piece = primitive.piece()
+        if piece.kind != CYLINDER:
+            spheres += [(end, piece.radius) for end in piece.vertices]
+        else:
+            spheres += [(point, CORNER_RADIUS) for point in rims(piece)]
+    return spheres + [(corner, CORNER_RADIUS) for corner in corners]
 
 
 def spread_points(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> np.ndarray | None:
