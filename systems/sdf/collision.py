@@ -2,6 +2,7 @@
 """Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise, permutations, product
 
 import manifold3d
@@ -24,7 +25,7 @@ _SAME_SIDE = 1e-3  # between normals of one side
 _SQUARE = 1e-7
 # Sides of the prism that a cylinder is for the floor, and divisions of what a sphere is: 3 and 34 µm of 40 mm are off.
 SECTIONS, _DIVISIONS = 256, 4
-_LID = 1e-6  # m
+_LID, _THIN, _NOTHING = 1e-6, 1e-6, 1e-12  # m, m, m^3
 
 
 def met_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:
@@ -52,7 +53,8 @@ def carrying_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitiv
 def met_mesh(mesh: trimesh.Trimesh, primitives: Sequence[Primitive]) -> trimesh.Trimesh:
     """Surface that meets the pusher in hydroelastic contact: that of a mesh, with primitives in the place of its parts.
 
-    What is behind an open end of a primitive, as the cavity of a mug, stays.
+    What is behind an open end of a primitive, as the cavity of a mug, stays. So do parts that stand out of it, as a
+    handle.
 
     Args:
         mesh: Watertight, m.
@@ -63,18 +65,35 @@ def met_mesh(mesh: trimesh.Trimesh, primitives: Sequence[Primitive]) -> trimesh.
         return mesh
     solid = _manifold(mesh)
     for primitive in others:
-        whole = _manifold(_many_sides(primitive.piece()))
+        whole = _many_sides(primitive.piece())
+        on = np.abs(primitive.depth(mesh.vertices)) < 2.0 * primitive.tolerance
+        hull = _manifold(trimesh.convex.convex_hull(mesh.vertices[on]))
+        hollow = _large(hull - solid)
+        # Of the mesh only what stands out of the primitive is left.
+        parts = [_large(solid - hull)]
         if any(primitive.open_ends):
-            on = np.abs(primitive.depth(mesh.vertices)) < 2.0 * primitive.tolerance
-            hollow = _manifold(trimesh.convex.convex_hull(mesh.vertices[on])) - solid
-            # Rounding must leave no lid on it.
-            out = _LID * primitive.R_OG[:, 2]
-            ways = [way for way, is_open in zip((-out, out), primitive.open_ends, strict=True) if is_open]
-            parts = [hollow, *(hollow.translate(way) for way in ways)]
-            whole -= manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
-        solid = whole if len(primitives) == 1 and not any(primitive.open_ends) else solid + whole
-    made = solid.to_mesh64()
+            # Lower by a little, so that rounding leaves no lid on the cavity.
+            low, high = (_LID if is_open else 0.0 for is_open in primitive.open_ends)
+            whole.vertices = _between(primitive, whole.vertices, low, high)
+            parts.append(_large(_manifold(whole) - hollow))
+        else:
+            parts.append(_manifold(whole))
+        solid = _large(manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add))
+    made = solid.simplify(_THIN).to_mesh64()
     return trimesh.Trimesh(np.array(made.vert_properties[:, :3]), np.array(made.tri_verts, int), process=False)
+
+
+def _large(solid: manifold3d.Manifold) -> manifold3d.Manifold:
+    """Return a solid without parts that are no more than rounding."""
+    return manifold3d.Manifold.compose([part for part in solid.decompose() if abs(part.volume()) > _NOTHING])
+
+
+def _between(primitive: Primitive, points: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Points (n, 3) of a cylinder moved along its axis, to be this far [m] from its ends or farther."""
+    axis = primitive.R_OG[:, 2]
+    along = (points - np.array(primitive.p)) @ axis
+    half = primitive.half[2]
+    return np.asarray(points + np.outer(np.clip(along, low - half, half - high) - along, axis))
 
 
 def _manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
@@ -83,13 +102,13 @@ def _manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
 
 
 def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
-    """Mesh of a piece; of a sphere, capsule or cylinder with its corners on it."""
+    """Mesh of a piece; of a sphere or capsule with its corners on it, of a cylinder with its sides on it."""
     if piece.kind == HULL:
         return trimesh.convex.convex_hull(piece.vertices)
     ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
     points = (piece.vertices[:, None] + ball).reshape(-1, 3)
     if piece.kind == CYLINDER:
-        points = rims(piece)
+        points = rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS)))
     return trimesh.convex.convex_hull(points)
 
 

@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from pinwm_drake.geometry import shapes
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.geometry.pieces import pack_pieces
 from pinwm_drake.geometry.primitive import acting_pieces, fit, primitives_of
 from pinwm_drake.geometry.stored_pieces import mesh_pieces, mesh_primitives
 from pinwm_drake.models import OBJECT_NAMES, object_model
+from tests.geometry.oracles import contacts, random_rotation
 
 CREATE = trimesh.creation
 # Size is told to this [m]: corners are exact, and coordinates are rounded to 1e-9 m.
@@ -169,3 +171,27 @@ def test_shipped_objects(name):
         assert load_mesh(path).bounds[0, 0] == pytest.approx(found[0].p[0] - 0.04, abs=1e-8)
     else:
         assert acting == pieces
+
+
+@pytest.mark.parametrize("name", ["mug", "mug_handle"])
+@pytest.mark.parametrize("pusher", [shapes.sphere(0.01), shapes.capsule(0.008, 0.04), shapes.cylinder(0.008, 0.04)])
+def test_pusher_meets_a_round_mug_as_its_pieces_outside_and_in_its_cavity(name, pusher):
+    path, generator = object_model(name).mesh_path, np.random.default_rng(1)
+    pieces, (shell,) = mesh_pieces(path), mesh_primitives(path)
+    tables = [pack_pieces([body, [pusher]]) for body in (pieces, acting_pieces(pieces, [shell]))]
+    margin, inside, met = 2e-3, 0, 0
+    for _ in range(1500):
+        X_WM = (random_rotation(generator), np.zeros(3))
+        X_WP = (random_rotation(generator), generator.uniform(-0.065, 0.065, 3))
+        flat, round_ = (min((c["phi"] for c in contacts(t, X_WM, X_WP, margin)), default=margin) for t in tables)
+        # Facets are inside of the cylinder by its deviation at most; overlaps by a millimetre may be on another face.
+        if flat > -1e-3:
+            assert abs(flat - round_) < shell.deviation + 1e-9
+            met += flat < margin
+            p_MP = X_WM[0].T @ X_WP[1]
+            in_it = shell.depth(p_MP[None])[0] > 0.0
+            inside += in_it
+            if in_it:  # nothing of the shell is in the way
+                assert flat == round_
+    assert inside > 25
+    assert met > 75
