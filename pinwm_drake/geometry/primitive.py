@@ -190,6 +190,11 @@ def acting_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]
     return result + rest
 
 
+def acting_words(primitives: Sequence[Primitive]) -> str:
+    """Say what an object touches as, for one line."""
+    return " and ".join(one.words() for one in primitives) or "its mesh"
+
+
 def acting_mesh(mesh: trimesh.Trimesh, primitives: Sequence[Primitive]) -> trimesh.Trimesh:
     """Return the mesh whose flat faces a floor meets: that of a box which stands for all of it, else the mesh."""
     if len(primitives) == 1 and primitives[0].kind == "box" and not primitives[0].is_mesh:

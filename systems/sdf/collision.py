@@ -23,6 +23,7 @@ _SLIVER = 1e-5
 _SAME_SIDE = 1e-3  # between normals of one side
 # Of a piece's longest edge: corners that are off by less are those of a box.
 _SQUARE = 1e-7
+DISC = 1e-4  # m, thickness of the discs on which a cylinder rolls
 # Sides of the prism that a cylinder is for the floor, and divisions of what a sphere is: 3 and 34 µm of 40 mm are off.
 SECTIONS, _DIVISIONS = 256, 4
 _LID, _THIN, _NOTHING = 1e-6, 1e-6, 1e-12  # m, m, m^3
@@ -108,11 +109,11 @@ def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
     ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
     points = (piece.vertices[:, None] + ball).reshape(-1, 3)
     if piece.kind == CYLINDER:
-        points = rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS)))
+        points = _rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS)))
     return trimesh.convex.convex_hull(points)
 
 
-def rims(cylinder: ConvexPiece) -> np.ndarray:
+def _rims(cylinder: ConvexPiece) -> np.ndarray:
     """Points (2 SECTIONS, 3) m evenly on the rims of a cylinder."""
     R, angles = turned_down(cylinder.vertices[0] - cylinder.vertices[1]), 2.0 * np.pi * np.arange(SECTIONS) / SECTIONS
     across = R[:2] / np.linalg.norm(R[:2], axis=1, keepdims=True)
@@ -283,8 +284,8 @@ def support_spheres(
     """Spheres with which an object touches a floor in point contact.
 
     On each flat side that it can rest on they are where `spread_points` puts the pressure, and stand out by their
-    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls. Round primitives roll
-    on their rims, which have `SECTIONS` each, or on spheres of their own.
+    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls. Spheres
+    and capsules have spheres of their own; the rims of cylinders are `support_discs`.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -313,9 +314,24 @@ def support_spheres(
         piece = primitive.piece()
         if piece.kind != CYLINDER:
             spheres += [(end, piece.radius) for end in piece.vertices]
-        else:
-            spheres += [(point, CORNER_RADIUS) for point in rims(piece)]
     return spheres + [(corner, CORNER_RADIUS) for corner in corners]
+
+
+def support_discs(primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Thin discs at the ends of cylinders, on whose rims an object rolls and tips in point contact, frame O.
+
+    Drake finds one point of a cylinder that touches a floor; of two it makes a line.
+
+    Args:
+        primitives: What the object acts as, frame O.
+    """
+    discs = []
+    for piece in (one.piece() for one in primitives if one.kind == "cylinder"):
+        along = piece.vertices[1] - piece.vertices[0]
+        along *= DISC / np.linalg.norm(along)
+        for end, inwards in zip(piece.vertices, (along, -along), strict=True):
+            discs.append(ConvexPiece(CYLINDER, np.stack([end, end + inwards]), piece.radius))
+    return discs
 
 
 def spread_points(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> np.ndarray | None:

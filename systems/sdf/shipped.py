@@ -24,6 +24,7 @@ from pinwm_drake.systems.sdf.collision import (
     fine_mesh,
     met_mesh,
     piece_mesh,
+    support_discs,
     support_spheres,
     volume_mesh,
 )
@@ -72,6 +73,7 @@ def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
     return [
         (np.array(entry.findtext("pose", "").split()[:3], float), float(entry.findtext("geometry/sphere/radius", "")))
         for entry in spheres
+        if entry.find("geometry/sphere") is not None
     ]
 
 
@@ -121,7 +123,7 @@ def _object_texts(name: str) -> dict[str, str]:
             name, solid, shipped_uri(visual), shipped_uri(contact), support, surfaces, comment
         ),
         f"{name}/{name}_point.sdf": object_point_sdf(
-            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point
+            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point, support_discs(primitives)
         ),
     }
 

@@ -107,6 +107,7 @@ def object_point_sdf(
     supports: Sequence[tuple[np.ndarray, float]],
     surfaces: settings.Surfaces,
     comment: str,
+    discs: Sequence[ConvexPiece] = (),
 ) -> str:
     """Model of a free body for point contact: convex pieces for the pusher, small spheres for the floor.
 
@@ -116,6 +117,7 @@ def object_point_sdf(
         pieces: Convex pieces of the object, frame O, m.
         uris: URI of the mesh of each; those of boxes and of round pieces are not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
+        discs: Cylinders that meet the floor as well, frame O, m.
     """
     # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
@@ -125,6 +127,7 @@ def object_point_sdf(
     parts += [
         _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
     ]
+    parts += [_round(f"support_disc_{k}", disc, base) for k, disc in enumerate(discs)]
     return _file(comment, name, _link("object", *parts))
 
 

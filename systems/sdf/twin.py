@@ -26,6 +26,7 @@ from pinwm_drake.systems.sdf.collision import (
     piece_mesh,
     seen_mesh,
     stays_within,
+    support_discs,
     support_spheres,
     volume_mesh,
 )
@@ -185,7 +186,8 @@ def object_text(
         for k, piece in enumerate(pieces)
     ]
     supports = support_spheres(mesh, twin_spread(twin), down, twin.acts_as)
-    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment)
+    discs = support_discs(twin.acts_as)
+    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment, discs)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:

@@ -40,7 +40,7 @@ from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.sdf.collision import EVEN, support_spheres
+from pinwm_drake.systems.sdf.collision import EVEN, support_discs, support_spheres
 from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_support, shipped_supports, shipped_uri
 from pinwm_drake.systems.sdf.text import floor_sdf, object_point_sdf, object_sdf
 from pinwm_drake.systems.sdf.twin import (
@@ -171,7 +171,10 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
             if spread == EVEN
             else support_spheres(load_mesh(twin.mesh_path), spread, down, twin.acts_as)
         )
-        pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.")
+        discs = support_discs(twin.acts_as)
+        pushed = object_point_sdf(
+            name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.", discs
+        )
     pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")
 
