@@ -17,6 +17,9 @@ from scipy.stats import binomtest
 from benchmarks.next_push.coverage import coverage_table
 from benchmarks.next_push.evaluate import cells
 from benchmarks.results import markdown, with_block
+from pinwm_drake.geometry.primitive import acting_pieces, acting_words
+from pinwm_drake.geometry.stored_pieces import mesh_pieces, mesh_primitives
+from pinwm_drake.models import OBJECT_NAMES, object_model
 from pinwm_drake.paper.reproduce import paper
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -73,6 +76,18 @@ def headline() -> str:
         here = f"{found['value']:.3g}"
         rows.append((f"floor friction from a {words} (true: {true})", known, here, f"{low:.3g} to {high:.3g}"))
     return table("simulation | paper | here | 95 % interval", rows)
+
+
+def acts_as() -> str:
+    """Table of what each shipped object acts as, and of the convex pieces that are left."""
+    rows = []
+    for name in OBJECT_NAMES:
+        path = object_model(name).mesh_path
+        found, pieces = mesh_primitives(path), mesh_pieces(path)
+        acting = acting_pieces(pieces, found)
+        met = len(acting) - sum(piece.hides for piece in acting)
+        rows.append((name, acting_words(found), f"{len(pieces)}", f"{met}"))
+    return table("object | acts as | pieces of the mesh | pieces that are met from outside", rows)
 
 
 def meshes() -> str:
@@ -342,6 +357,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (ROOT / "README.md", "headline", headline),
     (RESULTS / "index.md", "headline", headline),
     (RESULTS / "limitations.md", "meshes", meshes),
+    (ROOT / "docs/explanation/physics.md", "acts_as", acts_as),
     (RESULTS / "policies.md", "pushes", pushes),
     (RESULTS / "policies.md", "flips", flips),
     (RESULTS / "identification.md", "one_push", one_push),

@@ -5,7 +5,7 @@ The physics knows bodies by their centre of mass B, captures know objects by the
 same axes. The centre of mass is that of a uniform solid, plus the `center` of `Parameters`, which is zero by default.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,8 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import ModelError, StateError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import supporting_points
-from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
+from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, acting_points
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics.model import Body, Model
@@ -43,6 +44,7 @@ class Scene:
     model: Model  # One body, the floor and the pusher; nominal mass 1 kg and the inertia of a uniform solid
     p_OB: Tensor  # (3,), centre of mass of the uniform solid in O, m
     mesh: trimesh.Trimesh  # The object, frame O, m
+    acts_as: tuple[Primitive, ...] = ()  # What the physics has in its place, frame O; none for the mesh itself
 
 
 def make_scene(
@@ -54,6 +56,7 @@ def make_scene(
     floor_height: float = 0.0,
     time_step: float = 1.0 / 240.0,
     support: Support = "patch",
+    acts_as: Sequence[Primitive] = (),
 ) -> Scene:
     """Build the physics model of a push.
 
@@ -66,6 +69,8 @@ def make_scene(
         time_step: s.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
+        acts_as: Primitives with which the object touches, frame O, as `stored_pieces.mesh_primitives` finds them; none
+            for those of its mesh. Its mass properties stay those of the mesh.
 
     Returns:
         The scene.
@@ -79,10 +84,13 @@ def make_scene(
     mesh = load_mesh(mesh_path)
     properties = mass_properties(mesh, mass=1.0)
     p_OB = properties.p_com
-    points = supporting_points(mesh, quaternion_to_matrix(q_WO).numpy()) if support == "patch" else None
+    touching, R_WO = acting_mesh(mesh, acts_as), quaternion_to_matrix(q_WO).numpy()
+    points = supporting_points(touching, R_WO) if support == "patch" else None
     if points is not None:
+        points = acting_points(points, acts_as)
         points[:, :3] -= p_OB
-    pieces = [replace(piece, vertices=piece.vertices - p_OB) for piece in mesh_pieces(mesh_path)]
+    pieces = acting_pieces(mesh_pieces(mesh_path), acts_as)
+    pieces = [replace(piece, vertices=piece.vertices - p_OB) for piece in pieces]
     body = Body(
         name=BODY,
         pieces=pieces,
@@ -97,7 +105,7 @@ def make_scene(
         gravity=(0.0, 0.0, -gravity),
         time_step=time_step,
     )
-    return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh)
+    return Scene(model=model, p_OB=torch.from_numpy(p_OB), mesh=mesh, acts_as=tuple(acts_as))
 
 
 def _pusher_pieces(pusher: PusherGeometry) -> list[ConvexPiece]:
@@ -117,8 +125,17 @@ def resting_height(scene: Scene, q_WO: Tensor) -> float:
     R_WO = quaternion_to_matrix(q_WO).numpy()
     table = scene.model.arrays.table
     points = table.floor_points[: table.bodies[1, 1]]  # those of the first body, frame B
-    lowest = float((points[:, :3] @ R_WO[2] - points[:, 3]).min()) + float(R_WO[2] @ scene.p_OB.numpy())
-    return (0.0 if floor is None else floor) - lowest
+    # Of a rim that is tilted the lowest point is not among those fixed on it.
+    rims = [_lowest(piece, R_WO[2]) for piece in scene.model.bodies[0].pieces if piece.kind == CYLINDER]
+    lowest = min(float((points[:, :3] @ R_WO[2] - points[:, 3]).min()), *rims, np.inf)
+    return (0.0 if floor is None else floor) - lowest - float(R_WO[2] @ scene.p_OB.numpy())
+
+
+def _lowest(cylinder: ConvexPiece, up: np.ndarray) -> float:
+    """Height [m] of the lowest point of a cylinder over the origin of its frame, along the unit vector `up`."""
+    axis = cylinder.vertices[1] - cylinder.vertices[0]
+    sine = np.linalg.norm(np.cross(axis, up)) / np.linalg.norm(axis)
+    return float((cylinder.vertices @ up).min() - cylinder.radius * sine)
 
 
 def scaled_inertia(scene: Scene, mass: float, factors: Tensor) -> Tensor:

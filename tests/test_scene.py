@@ -9,6 +9,7 @@ import trimesh
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, ModelError, StateError
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State
 from pinwm_drake.physics.stepper import Stepper
@@ -150,3 +151,37 @@ def test_scaled_inertia_is_that_of_a_stretched_solid(cube):
 @pytest.mark.parametrize(("seconds", "steps"), [(0.0, 1), (0.1, 10), (0.1 + 1e-10, 10), (0.1001, 11), (0.095, 10)])
 def test_steps_cover_the_time(seconds, steps):
     assert step_count(seconds, 0.01) == steps
+
+
+@pytest.mark.parametrize("support", ["corners", "patch"])
+def test_mesh_that_acts_as_a_cylinder_rolls_on_and_its_facets_do_not(tmp_path, support):
+    # v = w R stays; a prism loses (m r^2 / (I + m r^2)) (1 - cos(2 pi / n)) of it on each of its edges.
+    radius, w = 0.04, 4.0
+    trimesh.creation.cylinder(radius, 0.08, sections=64).export(tmp_path / "c.obj")
+    lying = torch.tensor([0.5**0.5, 0.5**0.5, 0.0, 0.0], dtype=torch.float64)
+    found = mesh_primitives(tmp_path / "c.obj")
+    speeds = []
+    for acts_as in (found, ()):
+        scene = scene_of(tmp_path / "c.obj", q_WO=lying, support=support, acts_as=acts_as)
+        height = resting_height(scene, lying)
+        assert height == pytest.approx(radius, abs=1e-8)
+        V_WB = torch.tensor([[[0.0, w, 0.0, w * radius, 0.0, 0.0]]], dtype=torch.float64)
+        p_WB = torch.tensor([[[0.0, 0.0, height]]], dtype=torch.float64)
+        far = torch.tensor([[1.0, 1.0, 1.0]], dtype=torch.float64)
+        start = State(q_WB=lying[None, None], p_WB=p_WB, V_WB=V_WB, q_WP=LEVEL[None], p_WP=far)
+        parameters = Parameters.nominal(scene.model, friction_floor=0.3, friction_pusher=0.3)
+        motion = torch.zeros(240, 1, 6, dtype=torch.float64)
+        record = Stepper(scene.model).rollout(parameters, start, motion)
+        speeds.append(float(record.V_WB[-1, 0, 0, 1]))
+        assert scene.model.bodies[0].inertia == pytest.approx(scene_of(tmp_path / "c.obj").model.bodies[0].inertia)
+    assert speeds[0] == pytest.approx(w, rel=1e-3)
+    assert speeds[1] < 0.95 * w
+
+
+def test_resting_height_of_a_tilted_cylinder_is_that_of_its_rims(tmp_path):
+    trimesh.creation.cylinder(0.04, 0.08, sections=64).export(tmp_path / "c.obj")
+    scene = scene_of(tmp_path / "c.obj", support="corners", acts_as=mesh_primitives(tmp_path / "c.obj"))
+    for tilt in (0.0, 0.1, 0.7, math.pi / 2):
+        q = quaternion_exp(torch.tensor([0.6 * tilt, 0.8 * tilt, 0.0], dtype=torch.float64))
+        height = 0.04 * math.cos(tilt) + 0.04 * math.sin(tilt)
+        assert resting_height(scene, q) == pytest.approx(height, abs=1e-8)

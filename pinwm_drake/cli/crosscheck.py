@@ -17,6 +17,7 @@ def crosscheck(request: CrossCheckRequest) -> None:
 
     Exits with 0 for PASS and with 1 for FAIL.
     """
+    from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.kernel_cache import announce_compiling
     from pinwm_drake.report.twin.data import read_ground_truth
     from pinwm_drake.systems.crosscheck.crosscheck import crosscheck
@@ -36,6 +37,7 @@ def crosscheck(request: CrossCheckRequest) -> None:
     else:
         question += f"the parameters of {truth}; this checks the twin's physics and parameters"
     say(question)
+    say(f"the object acts as {acting_words(setup.twin.acts_as)}")
     motions, done = recipe_of(setup.task).check, 0
     announce_compiling()
     with stages_bar(transient=True) as show:

@@ -25,6 +25,7 @@ def identify(request: IdentifyRequest) -> None:
 
     from pinwm_drake.documents import ROUND_CONE, warn_without_effect
     from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
+    from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
     from pinwm_drake.rendering.fitting import CHECKPOINT_FILE as FIT_CHECKPOINT
     from pinwm_drake.report.live.page import PAGE_FILE
@@ -56,6 +57,7 @@ def identify(request: IdentifyRequest) -> None:
         say("interrupted" + ("; go on with --resume" if kept else ""))
         raise SystemExit(1) from None
     Console().print(_summary(result))
+    say(f"the object acts as {acting_words(result.twin.acts_as)}")
     if force := result.twin.provenance.get("force"):
         say(force["note"])
     if doubt := _doubt(result.found.loss):

@@ -7,6 +7,7 @@ from pinwm_drake.experiments.requests.twins import ModelRequest
 
 def model(request: ModelRequest) -> None:
     """Write a twin as SDFormat models, which Drake's Parser loads."""
+    from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.systems.sdf.twin import write_twin_model
     from pinwm_drake.twin.read import load_twin
 
@@ -14,5 +15,6 @@ def model(request: ModelRequest) -> None:
     with stages_bar(transient=True) as show:
         show("writing", 0.0, "meshes of the contact; a new mesh is cut into pieces, once")
         paths = write_twin_model(twin, request.out)
+    say(f"the object acts as {acting_words(twin.acts_as)}")
     for path in paths:
         say(f"wrote {path}")

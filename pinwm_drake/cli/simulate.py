@@ -25,6 +25,7 @@ def simulate(request: SimulateRequest) -> None:
 
     Drake has two contact models, hydroelastic and point.
     """
+    from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.systems.runs.session import Session
     from pinwm_drake.systems.scenario.load import load_setup
 
@@ -35,7 +36,9 @@ def simulate(request: SimulateRequest) -> None:
             prepare_folder(path.parent)
     scene = twin if scenario is None else scenario
     assert scene is not None  # as the request has checked
-    session = Session(load_setup(scene, twin=None if scenario is None else twin), options)
+    setup = load_setup(scene, twin=None if scenario is None else twin)
+    say(f"the object acts as {acting_words(setup.twin.acts_as)}")
+    session = Session(setup, options)
     if options.meshcat:
         _announce(session, options.host)
     try:

@@ -38,12 +38,16 @@ class ConvexPiece:
             centres of its caps, in the order of the axis. Hull: its vertices.
         radius: m. Sphere, capsule and cylinder: their radius. Hull: 0.
         faces: Hull only: one loop of vertex indices per face, counter-clockwise seen from outside.
+        hides: Cylinder: so many pieces that follow are touched only through its open ends.
+        open_ends: Cylinder: whether its first end, and its second, is open.
     """
 
     kind: int
     vertices: np.ndarray
     radius: float = 0.0
     faces: tuple[tuple[int, ...], ...] = ()
+    hides: int = 0
+    open_ends: tuple[bool, bool] = (False, False)
 
 
 class PieceTable(NamedTuple):
@@ -57,6 +61,8 @@ class PieceTable(NamedTuple):
     bodies: np.ndarray  # (B + 1, 2). First piece, first floor point
     body_spheres: np.ndarray  # (B, 4), m. Centre and radius of a sphere about the body
     pieces: np.ndarray  # (P + 1, 4). Kind, first vertex, first face, first edge; only hulls have faces and edges
+    # (P, 3). Number of pieces behind it, which follow it and are touched only through its open ends; flags of its ends
+    shells: np.ndarray
     # (P, 4), m. Centre and radius of a sphere about the piece; the centre lies inside the piece
     piece_spheres: np.ndarray
     # (P, 4). Capsule or cylinder: unit vector from its first to its second vertex, and their distance, m. Else
@@ -86,8 +92,9 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
     Args:
         pieces_of_body: For each body its pieces, in the body's frame.
         floor_points: For each body the points with which it touches the floor, in its frame: (n, 3), m, or (n, 7)
-            with when each counts (ANYHOW, UNLESS_FLAT or IF_FLAT) and its face (see `PieceTable`); or None for those
-            of its pieces. Bodies beyond the end of the sequence have none of their own.
+            with when each counts (ANYHOW, UNLESS_FLAT or IF_FLAT) and its face (see `PieceTable`), beyond those of its
+            round pieces; or None for those of all its pieces. Bodies beyond the end of the sequence have none of their
+            own.
 
     Returns:
         The table; bodies, pieces and vertices keep their order.
@@ -114,7 +121,7 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
     kinds = np.array([piece.kind for piece in pieces] + [-1])
     spheres = np.array([_bounding_sphere(piece) for piece in pieces])
     floors = [
-        _floor_points(body, int(first_piece[b])) if own is None else _own_floor_points(own)
+        _floor_points(body, int(first_piece[b])) if own is None else _own_floor_points(own, body, int(first_piece[b]))
         for b, (body, own) in enumerate(zip_longest(pieces_of_body, floor_points))
     ]
 
@@ -126,6 +133,7 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
         bodies=np.stack([first_piece, _starts([len(points) for points, *_ in floors])], axis=1),
         body_spheres=np.array([_union_sphere(spheres[s:e]) for s, e in pairwise(first_piece)]),
         pieces=np.stack([kinds, first_vertex, first_face, first_edge], axis=1),
+        shells=np.array([[piece.hides, *piece.open_ends] for piece in pieces], np.int64),
         piece_spheres=spheres,
         axes=np.array([_axis(piece) for piece in pieces]),
         vertices=np.concatenate(
@@ -219,7 +227,7 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
     from scipy.spatial import ConvexHull
 
     points, owners = [], []
-    sharp = [piece.vertices for piece in body if piece.kind == HULL]
+    sharp = [body[i].vertices for i in _touching(body) if body[i].kind == HULL]
     if sharp:
         # A vertex that pieces share (to 1e-9 m) comes once. A plane touches a union of pieces only where it
         # touches their common convex hull, so that of many vertices the inner ones drop out; of few they stay,
@@ -232,29 +240,48 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
             cloud = cloud[np.sort(ConvexHull(cloud).vertices)]
         points.append(np.pad(cloud, ((0, 0), (0, 1))))
         owners.append(np.full(len(points[0]), ANYHOW))
-    for i, piece in enumerate(body):
+    rounded, rounded_owners = _rounded_floor_points(body, first_piece)
+    together = np.concatenate([*points, rounded])
+    return together, np.concatenate([*owners, rounded_owners]), np.zeros((len(together), 3))
+
+
+def _touching(body: list[ConvexPiece]) -> list[int]:
+    """Pieces of a body that are in no other: the floor touches no more."""
+    hidden = {k for i, piece in enumerate(body) for k in range(i + 1, i + 1 + piece.hides)}
+    return [i for i in range(len(body)) if i not in hidden]
+
+
+def _rounded_floor_points(body: list[ConvexPiece], first_piece: int, step: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 4), with radii, of the pieces that are no hulls, and their owners; of a rim each `step`-th."""
+    points, owners = [np.zeros((0, 4))], [np.zeros(0, np.int64)]
+    for i in _touching(body):
+        piece = body[i]
         if piece.kind == HULL:
             continue
         on_rim = piece.kind == CYLINDER
-        block = rim_points(piece) if on_rim else piece.vertices
+        block = rim_points(piece)[::step] if on_rim else piece.vertices
         points.append(np.pad(block, ((0, 0), (0, 1)), constant_values=0.0 if on_rim else piece.radius))
         owners.append(np.full(len(block), first_piece + i if on_rim else ANYHOW))
-    together = np.concatenate(points)
-    return together, np.concatenate(owners), np.zeros((len(together), 3))
+    return np.concatenate(points), np.concatenate(owners)
 
 
-def _own_floor_points(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Given points in the form of `_floor_points`; raises GeometryError where they are none."""
+def _own_floor_points(
+    points: np.ndarray, body: list[ConvexPiece], first_piece: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Given points in the form of `_floor_points`, and those of round pieces; GeometryError where they are none."""
     if points.ndim != 2 or points.shape[1] not in (3, 7) or len(points) == 0 or not np.all(np.isfinite(points)):
         raise GeometryError(f"floor points are {points.shape}; allowed: (n, 3) or (n, 7) finite numbers, n at least 1")
-    placed = np.pad(points[:, :3].astype(float), ((0, 0), (0, 1)))
+    rounded, rounded_owners = _rounded_floor_points(body, first_piece, step=2)
+    placed = np.concatenate([np.pad(points[:, :3].astype(float), ((0, 0), (0, 1))), rounded])
     if points.shape[1] == 3:
-        return placed, np.full(len(points), ANYHOW), np.zeros((len(points), 3))
+        owners = np.append(np.full(len(points), ANYHOW), rounded_owners)
+        return placed, owners, np.zeros((len(placed), 3))
     wrong = np.flatnonzero(~np.isin(points[:, 3], (ANYHOW, UNLESS_FLAT, IF_FLAT)))
     if len(wrong):
         row = int(wrong[0])
         raise GeometryError(f"floor point {row} counts when {points[row, 3]:g}; allowed: ANYHOW, UNLESS_FLAT, IF_FLAT")
-    return placed, points[:, 3].astype(np.int64), points[:, 4:].astype(float)
+    faces = np.pad(points[:, 4:].astype(float), ((0, len(rounded)), (0, 0)))
+    return placed, np.append(points[:, 3].astype(np.int64), rounded_owners), faces
 
 
 def rim_points(cylinder: ConvexPiece) -> np.ndarray:

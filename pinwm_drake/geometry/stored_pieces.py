@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Convex pieces of mesh files, which are found once: stored beside a mesh, or in the user's cache by its content."""
 
+import functools
 import hashlib
 import os
 from pathlib import Path
@@ -13,6 +14,7 @@ from pinwm_drake.files import replacing
 from pinwm_drake.geometry.convex import decompose
 from pinwm_drake.geometry.meshes import load_mesh, load_pieces, outer_mesh
 from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.primitive import Primitive, primitives_of
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.reading.arrays import read_npz
 from pinwm_drake.reading.contents import read_bytes
@@ -55,6 +57,26 @@ def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
         stored = [piece.vertices for piece in decompose(mesh)]
         _write(store, stored)
     return [convex_hull(vertices) for vertices in stored]
+
+
+def mesh_primitives(path: str | os.PathLike[str]) -> tuple[Primitive, ...]:
+    """Primitives that a mesh acts as, frame of the mesh; none where it acts as its pieces.
+
+    Args:
+        path: File of the mesh, as for `mesh_pieces`.
+
+    Raises:
+        InputError: The file is refused as by `load_mesh`.
+        GeometryError: The mesh cannot be decomposed.
+    """
+    path = Path(path)
+    return _primitives(path, hashlib.sha256(read_bytes(path)).hexdigest())
+
+
+@functools.lru_cache(maxsize=64)
+def _primitives(path: Path, digest: str) -> tuple[Primitive, ...]:
+    """`mesh_primitives` of a file with a hash: a process asks for those of a scenario again and again."""
+    return primitives_of(load_mesh(path), mesh_pieces(path))
 
 
 def cache_folder() -> Path:

@@ -14,6 +14,7 @@ from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.geometry.patch import corner_spread
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.locate import LIMIT, find_start
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
@@ -98,7 +99,7 @@ def identify_theta(
     number = options.threads
     mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
     with one_torch_thread():
-        scene = capture_scene(capture, options.time_step)
+        scene = capture_scene(capture, options.time_step, facets=options.facets)
         pusher = pusher_surface(capture.pusher)
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
@@ -144,6 +145,7 @@ def identify_theta(
         lift=nuisance["lift"].value,
         time_step=options.time_step,
         draws=kept_draws(coordinates, found.posterior, scene, mass),
+        acts_as=scene.acts_as,
     )
     twin = with_mass(twin, scale)
     poses = [
@@ -162,8 +164,10 @@ def distinct_pushes(episodes: Episode | Sequence[Episode]) -> tuple[Episode, ...
     return pushes
 
 
-def capture_scene(capture: Capture, time_step: float) -> Scene:
+def capture_scene(capture: Capture, time_step: float, *, facets: bool = False) -> Scene:
     """Object, floor and pusher of a capture as the physics model of an identification, with its time step [s].
+
+    With `facets` the object touches as its mesh, also where it acts as a primitive.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -176,6 +180,7 @@ def capture_scene(capture: Capture, time_step: float) -> Scene:
         floor_height=capture.floor_height,
         time_step=time_step,
         support="patch",
+        acts_as=() if facets else mesh_primitives(capture.object.mesh_path),
     )
 
 

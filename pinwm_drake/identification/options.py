@@ -33,6 +33,7 @@ class IdentifyOptions:
         moves: Moves of each walker that draws from the posterior.
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames, fine_frames: Frames of each push that the stages look at, evenly spaced.
+        facets: Whether the object touches as its mesh, also where that is nearly round.
         time_step: Time step of the physics, s.
         num_threads: Threads; None for one on each core.
         checkpoint_every: Steps between two checkpoints.
@@ -44,6 +45,9 @@ class IdentifyOptions:
         Literal["auto", "corners", "patch"],
         option("Pressure on the floor: estimated, at the corners, or even.", group=ADVANCED),
     ] = "auto"
+    facets: Annotated[
+        bool, option("Let the object touch as its mesh, also where that is nearly round.", group=ADVANCED)
+    ] = False
     time_step: Annotated[
         float,
         option(

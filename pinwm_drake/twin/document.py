@@ -13,6 +13,8 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from pinwm_drake.capture.scene import GRAVITIES, UNITS, FloorDocument, PusherDocument
 from pinwm_drake.documents import ROUND_CONE, Document, Entry, FromList, Number, Text, finite, in_words, schema_version
+from pinwm_drake.errors import GeometryError
+from pinwm_drake.geometry.primitive import Kind, Primitive
 from pinwm_drake.scene import Support
 from pinwm_drake.twin.twin import SCHEMA_VERSION, THETA, Estimate, Twin
 
@@ -42,6 +44,34 @@ class _Pusher(PusherDocument):
 class _Physics(Document):
     time_step: float = in_words(f"above 0, up to {_LONGEST_STEP:g} s", gt=0.0, le=_LONGEST_STEP)
     support: Support = in_words("corners or patch")
+
+
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
+_Vector = Annotated[tuple[Number, Number, Number], FromList]
+
+
+class _Primitive(Document):
+    kind: Kind = in_words("sphere, capsule, cylinder or box")
+    size: Annotated[tuple[Number, ...], FromList]
+    q: Annotated[tuple[Number, Number, Number, Number], FromList]
+    p: _Vector
+    deviation: Annotated[float, finite(0.0, math.inf)]
+    tolerance: Annotated[float, finite(0.0, math.inf)]
+    open_ends: Annotated[tuple[bool, bool], FromList]
+
+    def primitive(self) -> Primitive:
+        return Primitive(self.kind, self.size, self.q, self.p, self.deviation, self.open_ends)
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Primitive":
+        number = _SIZES[self.kind]
+        try:
+            if len(self.size) != number:
+                raise ValueError(f"a {self.kind} with {number} sizes")
+            self.primitive().piece()
+        except GeometryError as error:
+            raise ValueError(f"a primitive: {error}") from error
+        return self
 
 
 def _ordered(interval: tuple[float, float] | None) -> tuple[float, float] | None:
@@ -93,6 +123,7 @@ class TwinDocument(Document):
     pusher: _Pusher
     gravity: Annotated[float, finite(*GRAVITIES)]
     floor: FloorDocument
+    acts_as: Annotated[tuple[_Primitive, ...], FromList] = ()
     physics: _Physics
     theta: _Theta  # type: ignore[valid-type]  # its keys are those of THETA
     nuisance: dict[Annotated[str, Field(min_length=1)], _Estimate]
@@ -117,6 +148,7 @@ def to_document(twin: Twin, mesh: str, pusher_mesh: str | None) -> dict[str, Any
         "pusher": {"mesh": pusher_mesh, "shape": None if shape is None else to_plain(asdict(shape))},
         "gravity": to_plain(twin.gravity),
         "floor": {"height": to_plain(twin.floor_height)},
+        "acts_as": [to_plain({**asdict(one), "tolerance": one.tolerance}) for one in twin.acts_as],
         "physics": {"time_step": to_plain(twin.time_step), "support": twin.support},
         "theta": {key: _estimate(value) for key, value in twin.theta.items()},
         "nuisance": {key: _estimate(value) for key, value in twin.nuisance.items()},

@@ -63,6 +63,7 @@ def load_twin(twin: str | Path) -> Twin:
         surfels=read_ply(folder / SURFELS_FILE),
         provenance=document.provenance,
         draws=read_draws(folder / DRAWS_FILE) if has_draws else None,
+        acts_as=tuple(one.primitive() for one in document.acts_as),
     )
 
 

@@ -55,6 +55,7 @@ def twin_scene(twin: Twin, q_WO: torch.Tensor) -> Scene:
         floor_height=twin.floor_height,
         time_step=twin.time_step,
         support=twin.support,
+        acts_as=twin.acts_as,
     )
 
 

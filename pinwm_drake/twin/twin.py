@@ -10,6 +10,7 @@ import numpy as np
 
 from pinwm_drake.capture.scene import Capture, PusherGeometry
 from pinwm_drake.errors import require
+from pinwm_drake.geometry.primitive import Primitive
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Support
 
@@ -86,6 +87,7 @@ class Twin:
         surfels: Appearance of the object, frame O.
         provenance: Plain data: capture, its SHA-256, episodes, versions, seeds, losses, timings, options.
         draws: Draws from the posterior; None where there are none.
+        acts_as: Primitives with which the object touches, frame O; none for its mesh.
     """
 
     name: str
@@ -101,6 +103,7 @@ class Twin:
     surfels: Surfels
     provenance: dict[str, Any]
     draws: Draws | None = None
+    acts_as: tuple[Primitive, ...] = ()
 
     def with_theta(self, **values: float) -> "Twin":
         """Return the twin with other values of some of `THETA`'s parameters, such as friction_floor=0.1.
@@ -136,6 +139,7 @@ def assemble_twin(
     lift: float,
     time_step: float,
     draws: Draws | None = None,
+    acts_as: tuple[Primitive, ...] = (),
 ) -> Twin:
     """Twin of a capture's object, whose weight a patch of the floor carries.
 
@@ -149,6 +153,7 @@ def assemble_twin(
         lift: Height of the floor over the one that the capture says, m.
         time_step: Time step of the physics that theta was found with, s.
         draws: Draws from the posterior; None where there are none.
+        acts_as: Primitives that the physics had in the place of the mesh.
     """
     return Twin(
         name=capture.object.name,
@@ -164,4 +169,5 @@ def assemble_twin(
         surfels=surfels,
         provenance=dict(provenance),
         draws=draws,
+        acts_as=acts_as,
     )

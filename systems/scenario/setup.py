@@ -14,6 +14,7 @@ from pydrake.math import RigidTransform
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
@@ -141,6 +142,7 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         camera_offset=(0.0, 0.0),
         surfels=painted_surfels(model.visual_path),
         provenance={"scenario": scenario.name},
+        acts_as=mesh_primitives(model.mesh_path),
     )
     return twin, model.visual_path
 
@@ -152,6 +154,8 @@ def _with_settings(twin: Twin, scenario: Scenario) -> Twin:
         "support": physics.support,
         "gravity": scenario.gravity,
     }
+    if physics.facets is not None:
+        changes["acts_as"] = () if physics.facets else mesh_primitives(twin.mesh_path)
     if shape is not None:
         changes["pusher"] = PusherGeometry(None, PusherShape(shape.kind, shape.radius, shape.length))
     return dataclasses.replace(twin, **{name: value for name, value in changes.items() if value is not None})

@@ -2,15 +2,18 @@
 """Collision geometry for Drake: meshes of objects and pushers as texts of OBJ files, and spheres to stand on."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise, permutations, product
 
+import manifold3d
 import numpy as np
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
-from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece
+from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
@@ -20,6 +23,102 @@ _SLIVER = 1e-5
 _SAME_SIDE = 1e-3  # between normals of one side
 # Of a piece's longest edge: corners that are off by less are those of a box.
 _SQUARE = 1e-7
+DISC = 1e-4  # m, thickness of the discs on which a cylinder rolls
+# Sides of the prism that a cylinder is for the floor, and divisions of what a sphere is: 3 and 34 µm of 40 mm are off.
+SECTIONS, _DIVISIONS = 256, 4
+_LID, _THIN, _NOTHING = 1e-6, 1e-6, 1e-12  # m, m, m^3
+
+
+def met_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Pieces that meet the pusher in point contact, frame of the mesh: primitives, but those with open ends.
+
+    Args:
+        pieces: Convex pieces of a mesh.
+        primitives: What it acts as.
+    """
+    return [piece for piece in acting_pieces(pieces, primitives) if not any(piece.open_ends)]
+
+
+def carrying_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Hulls that carry an object in hydroelastic contact, frame of the mesh: a floor gets into no open end.
+
+    Arguments are those of `met_pieces`. Round primitives are hulls of many sides.
+    """
+    acting, kept, k = acting_pieces(pieces, primitives), [], 0
+    while k < len(acting):
+        kept.append(acting[k])
+        k += 1 + acting[k].hides
+    return [piece if piece.kind == HULL else convex_hull(_many_sides(piece).vertices, 1e-9) for piece in kept]
+
+
+def met_mesh(mesh: trimesh.Trimesh, primitives: Sequence[Primitive]) -> trimesh.Trimesh:
+    """Surface that meets the pusher in hydroelastic contact: that of a mesh, with primitives in the place of its parts.
+
+    What is behind an open end of a primitive, as the cavity of a mug, stays. So do parts that stand out of it, as a
+    handle.
+
+    Args:
+        mesh: Watertight, m.
+        primitives: What it acts as, same frame.
+    """
+    others = [primitive for primitive in primitives if not primitive.is_mesh]
+    if not others:
+        return mesh
+    solid = _manifold(mesh)
+    for primitive in others:
+        whole = _many_sides(primitive.piece())
+        on = np.abs(primitive.depth(mesh.vertices)) < 2.0 * primitive.tolerance
+        hull = _manifold(trimesh.convex.convex_hull(mesh.vertices[on]))
+        hollow = _large(hull - solid)
+        # Of the mesh only what stands out of the primitive is left.
+        parts = [_large(solid - hull)]
+        if any(primitive.open_ends):
+            # Lower by a little, so that rounding leaves no lid on the cavity.
+            low, high = (_LID if is_open else 0.0 for is_open in primitive.open_ends)
+            whole.vertices = _between(primitive, whole.vertices, low, high)
+            parts.append(_large(_manifold(whole) - hollow))
+        else:
+            parts.append(_manifold(whole))
+        solid = _large(manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add))
+    made = solid.simplify(_THIN).to_mesh64()
+    return trimesh.Trimesh(np.array(made.vert_properties[:, :3]), np.array(made.tri_verts, int), process=False)
+
+
+def _large(solid: manifold3d.Manifold) -> manifold3d.Manifold:
+    """Return a solid without parts that are no more than rounding."""
+    return manifold3d.Manifold.compose([part for part in solid.decompose() if abs(part.volume()) > _NOTHING])
+
+
+def _between(primitive: Primitive, points: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Points (n, 3) of a cylinder moved along its axis, to be this far [m] from its ends or farther."""
+    axis = primitive.R_OG[:, 2]
+    along = (points - np.array(primitive.p)) @ axis
+    half = primitive.half[2]
+    return np.asarray(points + np.outer(np.clip(along, low - half, half - high) - along, axis))
+
+
+def _manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold:
+    vertices, faces = np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.uint64)
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
+
+
+def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
+    """Mesh of a piece; of a sphere or capsule with its corners on it, of a cylinder with its sides on it."""
+    if piece.kind == HULL:
+        return trimesh.convex.convex_hull(piece.vertices)
+    ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
+    points = (piece.vertices[:, None] + ball).reshape(-1, 3)
+    if piece.kind == CYLINDER:
+        points = _rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS)))
+    return trimesh.convex.convex_hull(points)
+
+
+def _rims(cylinder: ConvexPiece) -> np.ndarray:
+    """Points (2 SECTIONS, 3) m evenly on the rims of a cylinder."""
+    R, angles = turned_down(cylinder.vertices[0] - cylinder.vertices[1]), 2.0 * np.pi * np.arange(SECTIONS) / SECTIONS
+    across = R[:2] / np.linalg.norm(R[:2], axis=1, keepdims=True)
+    circle = cylinder.radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ across
+    return np.concatenate([end + circle for end in cylinder.vertices])
 
 
 def fine_mesh(mesh: trimesh.Trimesh, longest_edge: float) -> str:
@@ -177,12 +276,16 @@ def seen_mesh(mesh: trimesh.Trimesh) -> str:
 
 
 def support_spheres(
-    mesh: trimesh.Trimesh, spread: Sequence[float] = EVEN, down: np.ndarray | None = None
+    mesh: trimesh.Trimesh,
+    spread: Sequence[float] = EVEN,
+    down: np.ndarray | None = None,
+    primitives: Sequence[Primitive] = (),
 ) -> list[tuple[np.ndarray, float]]:
     """Spheres with which an object touches a floor in point contact.
 
     On each flat side that it can rest on they are where `spread_points` puts the pressure, and stand out by their
-    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls.
+    radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls. Spheres
+    and capsules have spheres of their own; the rims of cylinders are `support_discs`.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -190,10 +293,12 @@ def support_spheres(
         down: (3,) outward normal of the side that lies on the floor all the time; None where any may come to. Only
             there may points leave the side: elsewhere they would touch the floor while another side lies on it. Where
             points of any side would, the other sides have uniform pressure.
+        primitives: What the object acts as, frame O.
 
     Returns:
         Centre (3,) [m, frame O] and radius [m] of each.
     """
+    mesh = acting_mesh(mesh, primitives)
     spheres, sides = [], resting_normals(mesh)
     all_fit = all(stays_within(mesh, normal, spread) for normal in sides)
     for normal in sides:
@@ -201,8 +306,32 @@ def support_spheres(
         points = spread_points(mesh, normal, spread if fits else EVEN)
         if points is not None:
             spheres += [(point, SUPPORT_RADIUS) for point in points - PROTRUSION * normal]
-    corners = trimesh.convex.convex_hull(mesh.vertices).vertices
-    return spheres + [(np.asarray(corner), CORNER_RADIUS) for corner in corners]
+    corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
+    for primitive in primitives:
+        if primitive.kind == "box":
+            continue
+        corners = corners[np.abs(primitive.depth(corners)) > 2.0 * primitive.tolerance]
+        piece = primitive.piece()
+        if piece.kind != CYLINDER:
+            spheres += [(end, piece.radius) for end in piece.vertices]
+    return spheres + [(corner, CORNER_RADIUS) for corner in corners]
+
+
+def support_discs(primitives: Sequence[Primitive]) -> list[ConvexPiece]:
+    """Thin discs at the ends of cylinders, on whose rims an object rolls and tips in point contact, frame O.
+
+    Drake finds one point of a cylinder that touches a floor; of two it makes a line.
+
+    Args:
+        primitives: What the object acts as, frame O.
+    """
+    discs = []
+    for piece in (one.piece() for one in primitives if one.kind == "cylinder"):
+        along = piece.vertices[1] - piece.vertices[0]
+        along *= DISC / np.linalg.norm(along)
+        for end, inwards in zip(piece.vertices, (along, -along), strict=True):
+            discs.append(ConvexPiece(CYLINDER, np.stack([end, end + inwards]), piece.radius))
+    return discs
 
 
 def spread_points(mesh: trimesh.Trimesh, normal: np.ndarray, spread: Sequence[float]) -> np.ndarray | None:

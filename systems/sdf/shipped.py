@@ -15,10 +15,19 @@ from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.primitive import primitives_of
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.models import OBJECT_NAMES, PACKAGE_NAME, PUSHER_NAMES, model_path, object_model
 from pinwm_drake.models.paint import HANDLE_CENTER, HANDLE_PARTS, HANDLE_WIDTH, LARGE_T
-from pinwm_drake.systems.sdf.collision import fine_mesh, piece_mesh, support_spheres, volume_mesh
+from pinwm_drake.systems.sdf.collision import (
+    carrying_pieces,
+    fine_mesh,
+    met_mesh,
+    piece_mesh,
+    support_discs,
+    support_spheres,
+    volume_mesh,
+)
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, SUPPORT_GRADIENT, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
 
@@ -64,6 +73,7 @@ def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
     return [
         (np.array(entry.findtext("pose", "").split()[:3], float), float(entry.findtext("geometry/sphere/radius", "")))
         for entry in spheres
+        if entry.find("geometry/sphere") is not None
     ]
 
 
@@ -97,22 +107,23 @@ def _object_texts(name: str) -> dict[str, str]:
     solid = Solid(_MASS, about.p_com.round(9), inertia)
     surfaces = Surfaces.of_pairs(_FRICTION, _FRICTION)
     visual, contact, base = f"{name}/{name}_visual.obj", f"{name}/{name}_contact.obj", f"{name}/{name}_support.vtk"
-    tetrahedra, depth = volume_mesh(pieces, LONGEST_EDGE)
+    primitives = primitives_of(mesh, pieces)
+    tetrahedra, depth = volume_mesh(carrying_pieces(pieces, primitives), LONGEST_EDGE)
     support = shipped_uri(base), round(depth, 12)
     files = piece_names(name, len(pieces))
-    spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh)]
+    spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh, primitives=primitives)]
     uris = [shipped_uri(file) for file in files]
     comment = f"{name}, hydroelastic contact. {_ABOUT}"
     point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_ABOUT}"
     return {
-        contact: fine_mesh(mesh, LONGEST_EDGE),
+        contact: fine_mesh(met_mesh(mesh, primitives), LONGEST_EDGE),
         base: tetrahedra,
         **{file: piece_mesh(piece) for file, piece in zip(files, pieces, strict=True)},
         f"{name}/{name}.sdf": object_sdf(
             name, solid, shipped_uri(visual), shipped_uri(contact), support, surfaces, comment
         ),
         f"{name}/{name}_point.sdf": object_point_sdf(
-            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point
+            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point, support_discs(primitives)
         ),
     }
 

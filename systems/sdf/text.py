@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
-from pydrake.math import RollPitchYaw
+from pydrake.math import RollPitchYaw, RotationMatrix
 
 from pinwm_drake.capture.scene import PusherShape
-from pinwm_drake.geometry.pieces import ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, SPHERE, ConvexPiece
 from pinwm_drake.systems.sdf import contact as settings
 from pinwm_drake.systems.sdf.collision import as_box
 
@@ -107,6 +107,7 @@ def object_point_sdf(
     supports: Sequence[tuple[np.ndarray, float]],
     surfaces: settings.Surfaces,
     comment: str,
+    discs: Sequence[ConvexPiece] = (),
 ) -> str:
     """Model of a free body for point contact: convex pieces for the pusher, small spheres for the floor.
 
@@ -114,8 +115,9 @@ def object_point_sdf(
 
     Args:
         pieces: Convex pieces of the object, frame O, m.
-        uris: URI of the mesh of each; that of a box is not used.
+        uris: URI of the mesh of each; those of boxes and of round pieces are not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
+        discs: Cylinders that meet the floor as well, frame O, m.
     """
     # Of a pair of equal ones Drake takes half of the stiffness, and their dissipation.
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
@@ -125,6 +127,7 @@ def object_point_sdf(
     parts += [
         _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
     ]
+    parts += [_round(f"support_disc_{k}", disc, base) for k, disc in enumerate(discs)]
     return _file(comment, name, _link("object", *parts))
 
 
@@ -200,6 +203,8 @@ def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
 
 
 def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
+    if piece.kind != HULL:
+        return _round(name, piece, surface)
     found = as_box(piece)
     if found is None:
         return _collision(name, _mesh(uri, convex=True), surface)
@@ -207,6 +212,17 @@ def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
     box = _element("geometry", _element("box", f"<size>{_numbers(sizes.round(12))}</size>"))
     p, rpy = X_OB.translation().round(12), RollPitchYaw(X_OB.rotation()).vector().round(15)
     return _collision(name, box, surface, p, rpy)
+
+
+def _round(name: str, piece: ConvexPiece, surface: Surface) -> str:
+    p = piece.vertices.mean(axis=0).round(12)
+    if piece.kind == SPHERE:
+        return _collision(name, _shape("sphere", radius=piece.radius), surface, p)
+    kind = "cylinder" if piece.kind == CYLINDER else "capsule"
+    axis = piece.vertices[1] - piece.vertices[0]
+    geometry = _shape(kind, radius=piece.radius, length=float(np.linalg.norm(axis).round(12)))
+    R_OG = RotationMatrix.MakeFromOneVector(axis, 2)
+    return _collision(name, geometry, surface, p, RollPitchYaw(R_OG).vector().round(15))
 
 
 def _pusher_shape(shape: PusherShape) -> str:

@@ -13,15 +13,20 @@ from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import resting_normals
+from pinwm_drake.geometry.pieces import HULL
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.scene import Scene
 from pinwm_drake.systems.sdf.collision import (
+    carrying_pieces,
     fine_mesh,
+    met_mesh,
+    met_pieces,
     piece_mesh,
     seen_mesh,
     stays_within,
+    support_discs,
     support_spheres,
     volume_mesh,
 )
@@ -170,14 +175,19 @@ def object_text(
         _write(folder / _VISUAL, seen)
         _write((folder / _VISUAL).with_suffix(".mtl"), colours)
     if contact == "hydroelastic":
-        fine = _mesh_file(folder, "contact", fine_mesh(mesh, LONGEST_EDGE))
-        tetrahedra, depth = volume_mesh(mesh_pieces(twin.mesh_path), LONGEST_EDGE)
+        fine = _mesh_file(folder, "contact", fine_mesh(met_mesh(mesh, twin.acts_as), LONGEST_EDGE))
+        carrying = carrying_pieces(mesh_pieces(twin.mesh_path), twin.acts_as)
+        tetrahedra, depth = volume_mesh(carrying, LONGEST_EDGE)
         base = _mesh_file(folder, "support", tetrahedra, ".vtk")
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
-    pieces = mesh_pieces(twin.mesh_path)
-    uris = [prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece)) for k, piece in enumerate(pieces)]
-    supports = support_spheres(mesh, twin_spread(twin), down)
-    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment)
+    pieces = met_pieces(mesh_pieces(twin.mesh_path), twin.acts_as)
+    uris = [
+        prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece)) if piece.kind == HULL else ""
+        for k, piece in enumerate(pieces)
+    ]
+    supports = support_spheres(mesh, twin_spread(twin), down, twin.acts_as)
+    discs = support_discs(twin.acts_as)
+    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment, discs)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:

@@ -21,7 +21,7 @@ def test_a_table_of_a_page_is_the_one_that_its_stored_results_give(page, name, m
 
 
 def test_each_block_of_the_results_and_the_readme_is_written_from_stored_results():
-    pages = [ROOT / "README.md", *(ROOT / "docs/results").glob("*.md")]
+    pages = [ROOT / "README.md", ROOT / "docs/explanation/physics.md", *(ROOT / "docs/results").glob("*.md")]
     found = {(page, name) for page in pages for name in re.findall(r"<!-- begin (\w+) -->", page.read_text("utf-8"))}
     assert found == {(page, name) for page, name, _ in BLOCKS}
 

@@ -13,6 +13,7 @@ import yaml
 from pinwm_drake import documents
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import InputError, ParameterError, RenderingError
+from pinwm_drake.geometry.primitive import Primitive
 from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import THETA, Draws, Estimate, Twin
 from pinwm_drake.twin.write import write_twin
@@ -45,7 +46,7 @@ def change(folder: Path, place: str, value: object) -> None:
 
 
 def assert_same(found: Twin, given: Twin) -> None:
-    for name in ("name", "gravity", "floor_height", "time_step", "support", "theta"):
+    for name in ("name", "gravity", "floor_height", "time_step", "support", "theta", "acts_as"):
         assert getattr(found, name) == getattr(given, name)
     assert found.nuisance == given.nuisance
     assert found.camera_offset == given.camera_offset
@@ -64,6 +65,10 @@ def test_a_twin_comes_back_as_it_was(tmp_path, pusher):
         name="Würfel: #1 {{title}}",
         pusher=PusherGeometry(mesh, None if pusher == "mesh" else SHAPE),
         nuisance={"lift": Estimate(1e-22, (-math.inf, math.inf), False, "m"), "x": Estimate(1.0, None, True, "")},
+        acts_as=(
+            Primitive("cylinder", (0.04, 0.08), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 6e-3), 4.8e-5, (False, True)),
+            Primitive("sphere", (0.01,)),
+        ),
         provenance={"text": "1e3", "date": "2026-11-21", "yes": "yes", "nested": {"list": [1, 2.5, None, {"a": []}]}},
     )
     write_twin(tmp_path / "twin", given)
@@ -306,3 +311,27 @@ def test_other_values_of_theta_leave_the_shape_and_take_the_draws(tmp_path):
     assert twin.with_theta().draws is twin.draws
     with pytest.raises(ParameterError, match=r"theta: got 'friction'; allowed: mass, "):
         twin.with_theta(friction=0.1)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("kind", "cone", "acts_as"),
+        ("size", [0.04], "2 sizes"),
+        ("size", [0.04, -0.08], "positive length"),
+        ("q", [1.0, 1.0, 0.0, 0.0], "rotation matrix"),
+    ],
+)
+def test_a_primitive_that_is_none_is_refused(tmp_path, key, value, says):
+    given = cube_twin(tmp_path / "source", acts_as=(Primitive("cylinder", (0.04, 0.08)),))
+    write_twin(tmp_path / "twin", given)
+    document = yaml.safe_load((tmp_path / "twin/twin.yaml").read_text())
+    document["acts_as"][0][key] = value
+    (tmp_path / "twin/twin.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=says):
+        load_twin(tmp_path / "twin")
+
+
+def test_a_twin_from_before_primitives_acts_as_its_mesh(folder):
+    change(folder, "acts_as", "delete")
+    assert load_twin(folder).acts_as == ()

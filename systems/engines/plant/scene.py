@@ -36,10 +36,11 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.files import scratch
 from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
 from pinwm_drake.systems.scenario.setup import Setup
-from pinwm_drake.systems.sdf.collision import EVEN, support_spheres
+from pinwm_drake.systems.sdf.collision import EVEN, support_discs, support_spheres
 from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_support, shipped_supports, shipped_uri
 from pinwm_drake.systems.sdf.text import floor_sdf, object_point_sdf, object_sdf
 from pinwm_drake.systems.sdf.twin import (
@@ -149,6 +150,8 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
     Arguments and errors are those of `AddSceneBodies`.
     """
     twin, name = setup.twin, setup.scenario.object
+    if name is not None and twin.acts_as != mesh_primitives(twin.mesh_path):
+        name = None  # the files that ship are of what the mesh acts as
     surfaces = twin_surfaces(twin, setup.scenario.plant.reference_speed)
     down = lying_side(setup)
     folder = _scratch_folder() if name is None or twin.pusher.shape is None else Path()
@@ -164,9 +167,14 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
         uris = [shipped_uri(file) for file in piece_names(name, len(pieces))]
         spread = twin_spread(twin)
         supports = (
-            shipped_supports(name) if spread == EVEN else support_spheres(load_mesh(twin.mesh_path), spread, down)
+            shipped_supports(name)
+            if spread == EVEN
+            else support_spheres(load_mesh(twin.mesh_path), spread, down, twin.acts_as)
         )
-        pushed = object_point_sdf(name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.")
+        discs = support_discs(twin.acts_as)
+        pushed = object_point_sdf(
+            name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.", discs
+        )
     pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")
 

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.stored_pieces import BESIDE, mesh_pieces
+from pinwm_drake.geometry.stored_pieces import BESIDE, mesh_pieces, mesh_primitives
 from pinwm_drake.reading.contents import read_text
 from pinwm_drake.twin.twin import Estimate, Twin
 
@@ -68,9 +68,11 @@ def uneven_twin(twin: Twin, up: np.ndarray, generator: np.random.Generator, fold
     plain = mass_properties(mesh, mass=mass).p_com
     theta = {f"inertia_{2 * axis}": float(found.inertia[k, k]) for k, axis in enumerate("xyz")}
     off = {f"center_{axis}": float(found.p_com[k] - plain[k]) for k, axis in enumerate("xyz")}
+    path = write_with_feet(twin.mesh_path, folder, found.feet, up) if feet else twin.mesh_path
     return dataclasses.replace(
         twin,
-        mesh_path=write_with_feet(twin.mesh_path, folder, found.feet, up) if feet else twin.mesh_path,
+        mesh_path=path,
+        acts_as=mesh_primitives(path) if feet and twin.acts_as else twin.acts_as,
         theta=twin.theta | {name: dataclasses.replace(twin.theta[name], value=value) for name, value in theta.items()},
         nuisance=twin.nuisance | {name: Estimate(value, None, True, "m", "drawn") for name, value in off.items()},
     )

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 import trimesh
-from pydrake.geometry import Box, Role, Sphere
+from pydrake.geometry import Box, Role
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import (
     AddMultibodyPlantSceneGraph,
@@ -16,6 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import resting_normals
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import OBJECT_NAMES, PUSHER_NAMES, model_path, object_model
 from pinwm_drake.models.paint import HANDLE_CENTER
 from pinwm_drake.systems.sdf.contact import Surfaces
@@ -82,9 +83,13 @@ def test_shipped_objects_have_the_mass_of_a_uniform_solid(name, end):
 @pytest.mark.parametrize("name", OBJECT_NAMES)
 def test_what_touches_in_hydroelastic_contact_is_the_surface_in_small_triangles(name):
     mesh, fine = load_mesh(object_model(name).mesh_path), load_mesh(model_path(f"{name}/{name}_contact.obj"))
-    assert fine.volume == pytest.approx(mesh.volume, rel=1e-7)
-    assert fine.area == pytest.approx(mesh.area, rel=1e-7)
-    np.testing.assert_allclose(fine.bounds, mesh.bounds, atol=1e-9)
+    # The wall of a mug has 256 sides for 64; outside of its circle. The handle covers
+    # 7e-9 m^3 of what that adds, and open ends are 1 um lower.
+    disc, side = regular(256) - regular(64) if name.startswith("mug") else np.zeros(2)
+    loose = {"mug_handle": 1e-4, "mug": 2e-5}.get(name, 1e-7)
+    assert fine.volume == pytest.approx(mesh.volume + 0.08 * disc, rel=loose)
+    assert fine.area == pytest.approx(mesh.area + 2.0 * disc + 0.08 * side, rel=loose)
+    np.testing.assert_allclose(fine.bounds, mesh.bounds, atol=3.1e-6 if name.startswith("mug") else 1e-9)
     assert fine.edges_unique_length.max() <= 0.28 * mesh.extents.mean() + 1e-9
     plant, scene_graph, _ = loaded(object_model(name).sdf_path)
     inspector = scene_graph.model_inspector()
@@ -96,7 +101,17 @@ def test_what_touches_in_hydroelastic_contact_is_the_surface_in_small_triangles(
     assert surface.num_triangles() == len(fine.faces)
     tetrahedra = [volume.CalcTetrahedronVolume(k) for k in range(volume.num_elements())]
     assert min(tetrahedra) > 0
-    assert sum(tetrahedra) == pytest.approx(mesh.volume, rel=SHARED.get(name, 1e-6))
+    filled = mesh.volume
+    if name.startswith("mug"):  # a floor gets into no cavity
+        filled += 0.08 * regular(256)[0] - load_mesh(object_model("mug").mesh_path).volume
+    assert sum(tetrahedra) == pytest.approx(filled, rel=SHARED.get(name, 1e-6))
+
+
+def regular(sides: int) -> np.ndarray:
+    """Area [m^2] and perimeter [m] of the regular polygon in a mug's outline."""
+    a = 2.0 * np.pi / sides
+    r = 0.04 if sides == 64 else 0.04 / np.cos(np.pi / sides)
+    return np.array([0.5 * sides * r * r * np.sin(a), 2.0 * sides * r * np.sin(0.5 * a)])
 
 
 @pytest.mark.parametrize("name", OBJECT_NAMES)
@@ -117,7 +132,7 @@ def test_pieces_make_up_the_object(name):
     plant, scene_graph, _ = loaded(object_model(name).point_sdf_path)
     inspector = scene_graph.model_inspector()
     of_body = plant.GetCollisionGeometriesForBody(plant.GetBodyByName("object"))
-    mine = [k for k in of_body if not isinstance(inspector.GetShape(k), Sphere)]
+    mine = [k for k in of_body if inspector.GetName(k).split("::")[-1].startswith("piece")]
     assert len(mine) == len(pieces)
     for k, piece in zip(mine, pieces, strict=True):
         shape = inspector.GetShape(k)
@@ -148,7 +163,9 @@ def test_an_object_stands_on_twelve_spheres_and_nothing_else(name):
         # The weight is then the same on each of them, where the centre of mass is above the middle of the face.
         aside = -HANDLE_CENTER[:2] if name == "mug_handle" else np.zeros(2)
         np.testing.assert_allclose(middle[:2], aside, atol=2e-3)
-    assert ((centres @ normals[0] + radii) - (mesh.vertices @ normals[0]).max()).max() < 1.1e-5
+    # The rims of what is round stand out over a facet by its sagitta.
+    round_ = max((one.deviation for one in mesh_primitives(object_model(name).mesh_path)), default=0.0)
+    assert ((centres @ normals[0] + radii) - (mesh.vertices @ normals[0]).max()).max() < 1.1e-5 + round_
 
 
 @pytest.mark.parametrize("name", PUSHER_NAMES)

@@ -203,6 +203,7 @@ def identify_asid(
         },
         lift=float(capture.object.X_WO.p[2]) - resting_height(scene, capture.object.X_WO.q),
         time_step=options.time_step,
+        acts_as=scene.acts_as,
     )
     return AsidIdentification(twin, list(poses), minimum)
 
