@@ -28,11 +28,12 @@ class Agreement:
     iou: float  # leaving out what is near the outline
     area_ratio: float  # pixels of the mask for each of the silhouette
     shift: tuple[float, float]  # px, x and y: the mask's middle from the silhouette's
+    sized: bool = True  # the mask's area is between those of silhouettes without and with the rim near the outline
 
     @property
     def poor(self) -> bool:
         """Flag: the agreement is too low for a mesh, scale and calibration that fit."""
-        return self.iou < _AGREEMENT
+        return self.iou < _AGREEMENT or not self.sized
 
     def words(self) -> str:
         """Overlap, ratio of areas and shift in words."""
@@ -46,14 +47,15 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
     one, other = outline & visible, mask & visible
     width = round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1]))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
-    pixels = outline.astype(np.uint8)
-    counts = cv2.dilate(pixels, kernel) == cv2.erode(pixels, kernel)
+    small, large = (change(outline.astype(np.uint8), kernel) > 0 for change in (cv2.erode, cv2.dilate))
+    counts = small == large
     union = int((counts & (one | other)).sum())
     if union < _FEW_INSIDE or not one.any() or not other.any():
         return None
     y, x = np.argwhere(other).mean(axis=0) - np.argwhere(one).mean(axis=0)
     iou, area_ratio = float((counts & one & other).sum() / union), float(other.sum() / one.sum())
-    return Agreement(iou, area_ratio, (float(x), float(y)))
+    sized = bool((small & visible).sum() <= other.sum() <= (large & visible).sum())
+    return Agreement(iou, area_ratio, (float(x), float(y)), sized)
 
 
 def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
