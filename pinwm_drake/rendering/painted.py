@@ -90,6 +90,8 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
     corners: list[np.ndarray] = []
     faces, colours, count = [], [], 0
     for part in scene.geometry.values():
+        if len(part.faces) == 0:  # lines of two corners alone
+            continue
         material = getattr(part.visual, "material", None)
         if material is None or material.name in (None, ""):
             raise InputError(path, value="faces without a material", allowed=allowed)
