@@ -242,7 +242,8 @@ def _bundle(folder: Path) -> None:
 
 
 def _fit(folder: Path, *, read: bool = False) -> object:
-    return fit(views_around(box()), box(), _FIT, folder=folder, resume=read)
+    found = fit(views_around(box()), box(), _FIT, folder=folder, resume=read)
+    return found.surfels, found.psnr_train, found.psnr_test, found.camera_offset
 
 
 def _twin(folder: Path) -> None:

@@ -90,7 +90,7 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
     corners: list[np.ndarray] = []
     faces, colours, count = [], [], 0
     for part in scene.geometry.values():
-        if len(part.faces) == 0:  # lines of two corners alone
+        if len(getattr(part, "faces", ())) == 0:  # points, or lines of two corners
             continue
         material = getattr(part.visual, "material", None)
         if material is None or material.name in (None, ""):

@@ -87,6 +87,7 @@ FACE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0.1 0\n"
         ("mtllib a.mtl\nusemtl red\nv 1e300 0 0\n" + FACE + "f 1 2 3\n", "an extent of 1e+300 m"),
         ("mtllib a.mtl\nusemtl red\nv nan 0 0\n" + FACE + "f 1 2 3\n", "a coordinate that is not finite"),
         ("mtllib a.mtl\nusemtl red\n" + FACE + "f 1 2\n", "no faces"),
+        ("mtllib a.mtl\nusemtl red\n" + FACE, "no faces"),
         ("mtllib a.mtl\nusemtl blue\n" + FACE + "f 1 2 3\n", "faces without a material"),
     ],
 )
