@@ -3,6 +3,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -15,7 +16,7 @@ from pinwm_drake.files import replacing
 from pinwm_drake.reading.arrays import read_npz
 from pinwm_drake.reading.trees import parse_json
 
-_DIGEST = "sha256 of the arrays"  # entry of what a file holds as "about"
+DIGEST = "sha256 of the arrays"  # entry of what a file holds as "about"
 
 
 @runtime_checkable
@@ -43,7 +44,7 @@ def write_arrays(
     Raises:
         InputError: It cannot be written; the earlier one stays.
     """
-    about = {**about, _DIGEST: _digest_of_named(arrays)}
+    about = {**about, DIGEST: _digest_of_named(arrays)}
     with replacing(path) as temporary:
         save = np.savez_compressed if compressed else np.savez
         save(temporary, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
@@ -68,7 +69,7 @@ def load_arrays(path: Path, allowed: str, *, told: bool = True) -> tuple[dict[st
     about = parse_json(str(arrays.pop("about")), path)
     if not isinstance(about, dict):
         raise InputError(path, value=f"about = {about}", allowed=allowed)
-    digest = about.pop(_DIGEST, None)  # files of version 0.1 have none
+    digest = about.pop(DIGEST, None)  # files of version 0.1 have none
     if digest is not None and digest != (found := _digest_of_named(arrays)):
         raise InputError(path, value=f"arrays with SHA-256 {found[:12]}", allowed=f"{str(digest)[:12]}, as written")
     return arrays, about
@@ -147,7 +148,7 @@ def read_arrays(
     Raises:
         InputError: It cannot be read, or is of other work; the message names what differs.
     """
-    if not path.exists():
+    if not os.path.lexists(path):  # a link to nothing is refused: work would begin anew in silence
         return None
     arrays, written = load_arrays(path, f"a checkpoint of `{work}`")
     for name, value in about.items():

@@ -53,4 +53,5 @@ def run(volume: Path, *command: str, timeout: float = 600.0, **variables: str) -
 def _start(volume: Path, inner: list[str], timeout: float, **variables: str) -> subprocess.CompletedProcess[str]:
     clean = {"PATH": "/usr/bin:/bin:/usr/sbin:/sbin", "PYTHONPATH": str(ROOT), "LC_ALL": "C", **variables}
     command = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", _SCRIPT, "sh", str(volume), *inner]
-    return subprocess.run(command, env=clean, capture_output=True, text=True, timeout=timeout, check=False)
+    coding = variables.get("PYTHONIOENCODING", "utf-8")
+    return subprocess.run(command, env=clean, capture_output=True, encoding=coding, timeout=timeout, check=False)

@@ -49,3 +49,10 @@ def test_kinds_and_shapes_are_checked(tmp_path, name, array, words):
     arrays = {key: value for key, value in (ARRAYS | {name: array}).items() if value is not None}
     with pytest.raises(InputError, match=words):
         check_arrays(tmp_path / "a.npz", arrays, {"n": ("i", ()), "a": ("f", (None, 3))}, "work")
+
+
+def test_a_link_to_nothing_does_not_let_work_begin_anew(tmp_path):
+    assert read_arrays(tmp_path / "a.npz", {}, "fit") is None
+    (tmp_path / "a.npz").symlink_to(tmp_path / "gone.npz")
+    with pytest.raises(InputError, match=r"a\.npz: no such file"):
+        read_arrays(tmp_path / "a.npz", {}, "fit")

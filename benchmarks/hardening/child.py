@@ -9,6 +9,7 @@ Whatever is opened for writing outside of the folder, started or connected to is
 import contextlib
 import json
 import os
+import re
 import resource
 import shutil
 import sys
@@ -22,9 +23,13 @@ import numpy as np
 
 from benchmarks.hardening.mutations import mutate
 from benchmarks.hardening.samples import READERS, mend
+from benchmarks.hardening.values import summary
 from pinwm_drake.errors import PinwmError
+from pinwm_drake.files import appearing
 
 MOST_MEMORY, LONGEST_LINE = 2 * 2**30, 300
+LONGEST = 10.0  # s of the CPU
+_SEALED = 0.3  # share of the damaged files that a hash protects, whose hash is not made anew
 _ADDRESSES = 16 * 2**30  # bytes; libraries map far more than they use
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _STARTS = ("os.system", "subprocess.Popen", "os.exec", "os.posix_spawn", "socket.connect", "socket.bind")
@@ -76,33 +81,49 @@ def peak() -> int:
     return found
 
 
-def attack(name: str, number: int, seed: int, sample: Path, folder: Path, watch: Watch) -> dict[str, Any]:
-    """Read one damaged sample; what came of it."""
+def attack(
+    name: str, number: int, seed: int, sample: Path, folder: Path, watch: Watch, right: tuple[str, int] = ("", 0)
+) -> dict[str, Any]:
+    """Read one damaged sample; what came of it. `right` is the `summary` of the sample."""
+    print(json.dumps({"damages": [name, number]}), flush=True)
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(sample, folder)
     reader = READERS[name]
-    how = mutate(folder, np.random.default_rng([seed, number, zlib.crc32(name.encode())]))
-    mend(reader, folder)
+    rng = np.random.default_rng([seed, number, zlib.crc32(name.encode())])
+    how = mutate(folder, rng)
+    damaged = how.partition(": ")[0]
+    sealed = bool(reader.sealed and re.fullmatch(reader.sealed, damaged) and rng.random() < _SEALED)
+    sealed = sealed and os.path.lexists(folder / damaged)  # without a checkpoint work begins anew
+    if not sealed:
+        mend(reader, folder)
     peak()
     watch.notes.clear()
     print(json.dumps({"begins": [name, number], "how": how}), flush=True)
     begun, wrong, outcome = time.process_time(), "", "read"
     with watch.watching():
         try:
-            reader.read(folder)
+            found = reader.read(folder)
         except PinwmError as error:
             outcome, message = "refused", str(error)
             if len(message) > LONGEST_LINE or not message.isprintable():
                 wrong = f"message of {len(message)} characters: {message[:400]}"
         except BaseException as error:
             wrong = f"{type(error).__name__}: {error}"[:400]
-    memory = peak()
+    memory, seconds = peak(), round(time.process_time() - begun, 3)
+    if outcome == "read" and not wrong:
+        digest, bad = summary(found)
+        if bad > right[1]:
+            wrong = f"numbers that are not finite: {bad}"
+        elif sealed and digest != right[0]:
+            wrong = "other contents than the hash tells"
+    if seconds > LONGEST:
+        wrong = wrong or f"{seconds} s of the CPU"
     if memory > MOST_MEMORY:
         wrong = wrong or f"memory of {memory >> 20} MB"
     if watch.notes:
         wrong = wrong or "; ".join(watch.notes[:3])
-    seconds = round(time.process_time() - begun, 3)
     return {
+        "reader": name,
         "done": number,
         "outcome": "wrong" if wrong else outcome,
         "wrong": wrong,
@@ -120,12 +141,14 @@ def main() -> None:
     tasks = sys.argv[3:]
     for name, first, last in zip(tasks[::3], tasks[1::3], tasks[2::3], strict=True):
         sample = out / "samples" / name
+        print(json.dumps({"prepares": name}), flush=True)
         if not sample.exists():
-            sample.mkdir(parents=True)
-            READERS[name].make(sample)
-            READERS[name].read(shutil.copytree(sample, out / "work", dirs_exist_ok=True))  # and kernels are compiled
+            with appearing(sample) as temporary:
+                READERS[name].make(temporary)
+        shutil.rmtree(out / "work", ignore_errors=True)
+        right = summary(READERS[name].read(shutil.copytree(sample, out / "work")))  # and kernels are compiled
         for number in range(int(first), int(last)):
-            print(json.dumps(attack(name, number, seed, sample, out / "work", watch)), flush=True)
+            print(json.dumps(attack(name, number, seed, sample, out / "work", watch, right)), flush=True)
         shutil.rmtree(out / "work", ignore_errors=True)
 
 

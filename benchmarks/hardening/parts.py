@@ -11,6 +11,7 @@ PARTS = {
     "messages": "benchmarks.hardening.messages",
     "kills": "benchmarks.hardening.kills",
     "endurance": "benchmarks.hardening.endurance",
+    "agreement": "benchmarks.hardening.agreement",
 }
 
 

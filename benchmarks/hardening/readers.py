@@ -2,7 +2,7 @@
 """Damaged files for every reader: only errors of the package, one line, 10 s, 2 GB, nothing written elsewhere.
 
 Children read batches of damaged samples. A child that ends or makes no progress is a violation of the file at hand; the
-next one goes on after it. Times are those of the CPU; a child that waits is given a minute.
+next one goes on after it. Times are those of the CPU; a child that sleeps and uses none is given a minute.
 """
 
 import json
@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,10 @@ import psutil
 from pinwm_drake.files import replacing
 
 ROOT = Path(__file__).resolve().parents[2]
-LONGEST, LONGEST_WAIT = 10.0, 60.0  # s of the CPU, and of the clock
-STARTUP = 600.0  # s of the clock, in which a child imports, makes samples and compiles
-_BATCH = 200  # files that a child reads before another one takes its place
+LONGEST, LONGEST_SLEEP = 10.0, 60.0  # s of the CPU, and of sleep without any
+STARTUP = 1200.0  # s of the CPU, in which a child imports, makes samples, damages files and compiles
+_BATCH = 4000  # files that a child reads before another one takes its place
+_KEEP_EVERY = 30.0  # s between two writes of the state
 _KEPT = 100  # violations that are told in full
 CHILD = "benchmarks.hardening.child"
 STATE = "readers.json"
@@ -79,7 +81,6 @@ def _tasks(counts: dict[str, Any], names: list[str], each: int) -> list[str]:
 
 def _child(out: Path, seed: int, tasks: list[str], state: dict[str, Any]) -> None:
     """Run a child to its end, or until it is stuck, and count what it tells."""
-    where = tasks[0]
     with tempfile.TemporaryDirectory() as home:
         # A folder of its own for all that libraries keep; kernels are those beside the sources.
         places = dict.fromkeys(("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR"), home)
@@ -96,25 +97,26 @@ def _child(out: Path, seed: int, tasks: list[str], state: dict[str, Any]) -> Non
             )
         lines: queue.Queue[str | None] = queue.Queue()
         threading.Thread(target=_listen, args=(child, lines), daemon=True).start()
-        now: dict[str, Any] | None = None
-        while (line := _next(child, lines, begun=now is not None)) is not None:
-            told = json.loads(line)
-            if "begins" in told:
-                now, where = told, told["begins"][0]
-                continue
-            _count(state, where, told)
-            now = {}
+        now: dict[str, Any] = {"prepares": "the imports"}
+        kept = time.monotonic()
+        while (line := _next(child, lines, LONGEST if "begins" in now else STARTUP)) is not None:
+            now = json.loads(line)
+            if "done" in now:
+                _count(state, now.pop("reader"), now)
+            if time.monotonic() - kept > _KEEP_EVERY:
+                _keep(out, state)
+                kept = time.monotonic()
         ended = child.poll()
         if ended is None:
             child.kill()
             child.wait()
         if ended != 0:
             words = "no answer in time" if ended is None else f"the process ended with {ended}"
-            if now is None or not now:
-                raise SystemExit(f"{where}: {words} before a file was read; see {out / 'stderr.txt'}")
-            number = now["begins"][1]
+            if "begins" not in now:
+                raise SystemExit(f"{now}: {words}, which is the harness's fault; see {out / 'stderr.txt'}")
+            name, number = now["begins"]
             told = {"done": number, "outcome": "wrong", "wrong": words, "how": now["how"]}
-            _count(state, where, told | {"seconds": LONGEST, "memory": 0})
+            _count(state, name, told | {"seconds": LONGEST, "memory": 0})
 
 
 def _listen(child: subprocess.Popen[str], lines: "queue.Queue[str | None]") -> None:
@@ -125,17 +127,28 @@ def _listen(child: subprocess.Popen[str], lines: "queue.Queue[str | None]") -> N
     lines.put(None)
 
 
-def _next(child: subprocess.Popen[str], lines: "queue.Queue[str | None]", *, begun: bool) -> str | None:
-    """Next line of a child; None at its end, and where it is stuck."""
-    spent, waited = _cpu(child), 0.0
-    while waited < (LONGEST_WAIT if begun else STARTUP):
+def _next(child: subprocess.Popen[str], lines: "queue.Queue[str | None]", most: float) -> str | None:
+    """Next line of a child; None at its end, and where it is stuck: after `most` s of the CPU, or asleep."""
+    begun, slept = _cpu(child), 0.0
+    before = begun
+    while slept < LONGEST_SLEEP:
         try:
             return lines.get(timeout=1.0)
         except queue.Empty:
-            waited += 1.0
-            if begun and _cpu(child) - spent > LONGEST:
+            spent = _cpu(child)
+            # One that waits for its turn on a busy machine does not sleep.
+            slept = slept + 1.0 if spent == before and _asleep(child) else 0.0
+            before = spent
+            if spent - begun > most:
                 return None
     return None
+
+
+def _asleep(child: subprocess.Popen[str]) -> bool:
+    try:
+        return psutil.Process(child.pid).status() != psutil.STATUS_RUNNING
+    except psutil.Error:
+        return True
 
 
 def _cpu(child: subprocess.Popen[str]) -> float:

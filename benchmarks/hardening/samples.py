@@ -17,13 +17,14 @@ import torch
 import trimesh
 import yaml
 
+from benchmarks.hardening.mutations import dump_yaml, plain_yaml
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.colmap import read_model
 from pinwm_drake.capture.importers.similarity import read_similarity
 from pinwm_drake.capture.scene import load_capture
-from pinwm_drake.checkpoints import write_arrays
+from pinwm_drake.checkpoints import DIGEST, write_arrays
 from pinwm_drake.cousins.cousin import CousinDraw, Cousins
-from pinwm_drake.cousins.io import read_cousins, write_cousins
+from pinwm_drake.cousins.io import hash_cousins, read_cousins, write_cousins
 from pinwm_drake.experiments.evaluation.store import EpisodeStore
 from pinwm_drake.geometry.meshes import load_mesh, load_pieces
 from pinwm_drake.identification.adam import AdamState
@@ -37,6 +38,7 @@ from pinwm_drake.learning.weights import pack, unpack
 from pinwm_drake.models import policy_path, resolve, twin_path
 from pinwm_drake.paper.reproduce.cell import DONE_FILE, CellStore, settings_of
 from pinwm_drake.paper.reproduce.twins import CaptureCell, NoisyCaptureCell, SurfelsCell
+from pinwm_drake.reading.arrays import read_npz
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import fit
 from pinwm_drake.rendering.painted import painted_surfels
@@ -55,7 +57,7 @@ from tests.rendering.scenes import cloud
 
 Make = Callable[[Path], None]
 Read = Callable[[Path], object]
-_LARGE = 2**28  # bytes
+_LARGE = 2**25  # bytes
 _ABOUT = {"a": 1, "options": {"b": [2.0]}}
 _FIT = FitOptions(
     iterations=4, max_surfels=60, first_surfels=50, sh_degree=1, held_out=3, num_threads=1, evaluate_every=2
@@ -70,11 +72,13 @@ class Reader:
         make: Writes a valid sample into an empty folder.
         read: Reads what is in the folder.
         mend: Makes hashes of a damaged sample anew, where that is possible.
+        sealed: Pattern of the names of files of which no other contents may be read without new hashes.
     """
 
     make: Make
     read: Read
     mend: Make = lambda folder: None
+    sealed: str = ""
 
 
 def _rehash_bundle(folder: Path) -> None:
@@ -85,9 +89,9 @@ def _rehash_bundle(folder: Path) -> None:
 
 
 def _rehash_twin(folder: Path) -> None:
-    document = yaml.safe_load((folder / "twin.yaml").read_text())
+    document = plain_yaml(folder / "twin.yaml")
     document["sha256"] = {name: _sha256(folder / name) for name in document["sha256"]}
-    (folder / "twin.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    (folder / "twin.yaml").write_text(dump_yaml(document))
 
 
 def _rehash_align(folder: Path) -> None:
@@ -99,9 +103,18 @@ def _rehash_align(folder: Path) -> None:
 def _rehash_arrays(folder: Path) -> None:
     """Write an npz of a checkpoint anew, with the digest of its arrays; its "about" may be damaged."""
     for path in folder.rglob("*.npz"):
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        write_arrays(path, json.loads(str(arrays.pop("about"))), arrays)
+        arrays = read_npz(path, "arrays", most=_LARGE)
+        about = json.loads(str(arrays.pop("about")))
+        about.pop(DIGEST, None)
+        write_arrays(path, about, arrays)
+
+
+def _rehash_cousins(folder: Path) -> None:
+    arrays = read_npz(folder / "cousins.npz", "arrays", most=_LARGE)
+    about = json.loads(str(arrays.pop("about")))
+    about.pop("sha256")
+    about.pop(DIGEST, None)
+    write_arrays(folder / "cousins.npz", about | {"sha256": hash_cousins(about, arrays)}, arrays)
 
 
 def _sha256(path: Path) -> str:
@@ -132,11 +145,10 @@ def _capture(folder: Path) -> None:
             path.write_text("\n".join(path.read_text().splitlines()[:4]) + "\n")
 
 
-def _read_capture(folder: Path) -> None:
+def _read_capture(folder: Path) -> object:
     capture = load_capture(folder)
-    read_static_views(folder)
-    for name in capture.episode_names:
-        read_frames(read_episode(capture, name))
+    views = read_static_views(folder)
+    return capture, views, [read_frames(read_episode(capture, name)) for name in capture.episode_names]
 
 
 def _colmap(write: Callable[..., object]) -> Make:
@@ -149,9 +161,8 @@ def _colmap(write: Callable[..., object]) -> Make:
 
 
 def _mesh(suffix: str) -> Reader:
-    def read(folder: Path) -> None:
-        load_mesh(folder / f"a{suffix}")
-        load_pieces(folder / f"a{suffix}")
+    def read(folder: Path) -> object:
+        return load_mesh(folder / f"a{suffix}"), load_pieces(folder / f"a{suffix}")
 
     return Reader(lambda folder: trimesh.creation.box((0.1, 0.2, 0.3)).export(folder / f"a{suffix}"), read)
 
@@ -184,24 +195,24 @@ def _train(folder: Path) -> None:
     write_arrays(folder / CHECKPOINT_FILE, _ABOUT, {**pack(*_train_parts()), "history": rows})
 
 
-def _read_train(folder: Path) -> None:
+def _read_train(folder: Path) -> object:
     rounds = Rounds(StageRun(folder, "student", about=_ABOUT, resume=True), 5)
     rounds.logger.close()
     if rounds.number:
         unpack(rounds.arrays, *_train_parts())
+    return rounds.number, rounds.arrays
 
 
-def _identify(folder: Path, *, read: bool = False) -> None:
+def _identify(folder: Path, *, read: bool = False) -> object:
     kept = Checkpoint(folder, _ABOUT, resume=read, every=1, size=2)
     if read:
-        kept.load_adam("fine0.0")
-        kept.result("coarse")
-        return
+        return kept.load_adam("fine0.0"), kept.result("coarse"), kept.done
     kept.log.add("coarse", 0, 0.1, [0.3, 0.2])
     kept.end("coarse", {"z": torch.zeros(4, 2, dtype=torch.float64), "loss": torch.ones(4, dtype=torch.float64)})
     state = AdamState.at(torch.zeros(4, 2, dtype=torch.float64))
     state.iteration = 1
     kept.save_adam("fine0.0", state)
+    return None
 
 
 def _evaluation(folder: Path) -> None:
@@ -212,8 +223,8 @@ def _evaluation(folder: Path) -> None:
     EpisodeStore(folder, _ABOUT, resume=True).write(0, record)
 
 
-def _read_evaluation(folder: Path) -> None:
-    EpisodeStore(folder, _ABOUT, resume=True).read(0)
+def _read_evaluation(folder: Path) -> object:
+    return EpisodeStore(folder, _ABOUT, resume=True).read(0)
 
 
 _CELL = SurfelsCell(NoisyCaptureCell(CaptureCell(task="push", seed=0), 0.01))
@@ -230,8 +241,9 @@ def _bundle(folder: Path) -> None:
     shutil.copytree(policy_path("push_t"), folder, dirs_exist_ok=True)
 
 
-def _fit(folder: Path, *, read: bool = False) -> None:
-    fit(views_around(box()), box(), _FIT, folder=folder, resume=read)
+def _fit(folder: Path, *, read: bool = False) -> object:
+    found = fit(views_around(box()), box(), _FIT, folder=folder, resume=read)
+    return found.surfels, found.psnr_train, found.psnr_test, found.camera_offset
 
 
 def _twin(folder: Path) -> None:
@@ -243,8 +255,8 @@ def _cousins(folder: Path) -> None:
     write_cousins(folder / "cousins.npz", Cousins(draw, (draw.cousin(0), draw.cousin(1))))
 
 
-def _read_cousins(folder: Path) -> None:
-    read_cousins(folder / "cousins.npz", load_twin("t_block"))
+def _read_cousins(folder: Path) -> object:
+    return read_cousins(folder / "cousins.npz", load_twin("t_block"))
 
 
 def _waypoints(folder: Path) -> None:
@@ -262,10 +274,9 @@ def _align(folder: Path) -> None:
     _rehash_align(folder)
 
 
-def _read_align(folder: Path) -> None:
-    read_ply(folder / "surfels.ply")
-    read_offset(folder / "align.json")
-    read_registration(folder / "align.json")
+def _read_align(folder: Path) -> object:
+    offset = read_offset(folder / "align.json")
+    return read_ply(folder / "surfels.ply"), offset, read_registration(folder / "align.json")
 
 
 def _similarity(folder: Path) -> None:
@@ -291,18 +302,18 @@ READERS: dict[str, Reader] = {
     "mesh, glb": _mesh(".glb"),
     "painted mesh": Reader(_painted, lambda folder: painted_surfels(folder / "a.obj", 100)),
     "surfels": Reader(lambda folder: write_ply(folder / "a.ply", cloud(20)), lambda folder: read_ply(folder / "a.ply")),
-    "fit results": Reader(_align, _read_align, _rehash_align),
-    "fit checkpoint": Reader(_fit, lambda folder: _fit(folder, read=True), _rehash_arrays),
-    "identify checkpoint": Reader(_identify, lambda folder: _identify(folder, read=True), _rehash_arrays),
-    "train checkpoint": Reader(_train, _read_train, _rehash_arrays),
-    "waypoints": Reader(_waypoints, Waypoints.read, _rehash_arrays),
-    "evaluated episode": Reader(_evaluation, _read_evaluation, _rehash_arrays),
+    "fit results": Reader(_align, _read_align, _rehash_align, r"surfels\.ply"),
+    "fit checkpoint": Reader(_fit, lambda folder: _fit(folder, read=True), _rehash_arrays, r".*\.npz"),
+    "identify checkpoint": Reader(_identify, lambda folder: _identify(folder, read=True), _rehash_arrays, r".*\.npz"),
+    "train checkpoint": Reader(_train, _read_train, _rehash_arrays, r".*\.npz"),
+    "waypoints": Reader(_waypoints, Waypoints.read, _rehash_arrays, r".*\.npz"),
+    "evaluated episode": Reader(_evaluation, _read_evaluation, _rehash_arrays, r".*\.npz"),
     "cell": Reader(_cell, lambda folder: CellStore(folder).read(_CELL)),
     "history": Reader(_history, lambda folder: read_history(folder / "history.npz")),
     "draws": Reader(_draws, lambda folder: read_draws(folder / "draws.npz")),
-    "twin": Reader(_twin, load_twin, _rehash_twin),
-    "cousins": Reader(_cousins, _read_cousins, _rehash_arrays),
-    "policy": Reader(_policy, read_policy, _rehash_arrays),
-    "bundle": Reader(_bundle, read_bundle, _rehash_bundle),
+    "twin": Reader(_twin, load_twin, _rehash_twin, r"(?!twin\.yaml).*"),
+    "cousins": Reader(_cousins, _read_cousins, _rehash_cousins, r"cousins\.npz"),
+    "policy": Reader(_policy, read_policy, _rehash_arrays, r".*\.npz"),
+    "bundle": Reader(_bundle, read_bundle, _rehash_bundle, ".*"),
     "scenario": Reader(_scenario, lambda folder: load_setup(folder / "a.scenario.yaml")),
 }

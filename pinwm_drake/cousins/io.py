@@ -50,7 +50,7 @@ def write_cousins(path: Path, cousins: Cousins) -> None:
         "ranges": {key: [one.low, one.high, one.source] for key, one in draw.ranges.items()},
         "theta_keys": list(KEYS),
     }
-    write_arrays(path, about | {"sha256": _hash(about, arrays)}, arrays)
+    write_arrays(path, about | {"sha256": hash_cousins(about, arrays)}, arrays)
 
 
 def read_cousins(path: Path, twin: Twin) -> Cousins:
@@ -78,7 +78,7 @@ def read_cousins(path: Path, twin: Twin) -> Cousins:
 def _check(path: Path, about: dict[str, Any], arrays: dict[str, np.ndarray], twin: Twin) -> None:
     if about.get("version") != _VERSION or set(about) != set(_KEYS) or set(arrays) != set(_ARRAYS):
         raise InputError(path, value=f"version {about.get('version')} of something", allowed=_ALLOWED)
-    if about["sha256"] != _hash({key: value for key, value in about.items() if key != "sha256"}, arrays):
+    if about["sha256"] != hash_cousins({key: value for key, value in about.items() if key != "sha256"}, arrays):
         raise InputError(path, value="contents that were changed", allowed=_ALLOWED)
     expected = hash_twin(twin)
     if about["twin"] != expected:
@@ -124,7 +124,8 @@ def hash_twin(twin: Twin) -> str:
     return digest.hexdigest()
 
 
-def _hash(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
+def hash_cousins(about: dict[str, Any], arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256 of what a file of cousins holds."""
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in _ARRAYS:
         digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode())

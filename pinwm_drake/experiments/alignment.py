@@ -19,7 +19,7 @@ from pinwm_drake.files import occupying
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.fit_options import FitOptions
 from pinwm_drake.rendering.fitting import FitResult, Now, fit
-from pinwm_drake.rendering.registration import Registration, register, registered
+from pinwm_drake.rendering.registration import Registration, measure_size, register, registered
 from pinwm_drake.rendering.render import render
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.surfels import Surfels
@@ -34,6 +34,7 @@ _CHECKPOINT_EVERY = 200  # iterations, some ten seconds
 # A mesh fits where outlines and masks overlap by so much, but for a rim, in all but so many views, at a place that is
 # so near to the given one [m]: see docs/lab-book/2026-11-28-mesh-that-does-not-fit.md.
 _FITS, _EXCEPT, _NEAR = 0.75, 0.25, 0.015
+_AS_LARGE, _AS_HIGH = 0.06, 0.006  # how far size and height [m] may be from those of the masks
 # Bytes that a run may write: pictures and video; two checkpoints, page and PLY for each surfel.
 _SPACE, _SPACE_PER_SURFEL = 32_000_000, 2500
 
@@ -168,7 +169,7 @@ def require_fitting(source: Source, registration: Registration) -> None:
         registration: Where the masks have the object.
 
     Raises:
-        InputError: Outline and mask overlap too little in too many views, or agree far from the given pose only.
+        InputError: Outline and mask overlap too little in too many views, or far from the given pose or size alone.
     """
     found = [_overlap(view, source.mesh) for view in registered(source.views, registration)]
     judged = [(view.name, overlap) for view, overlap in zip(source.views, found, strict=True) if overlap is not None]
@@ -186,6 +187,13 @@ def require_fitting(source: Source, registration: Registration) -> None:
             value=f"a mesh that is {1e3 * registration.shift:.0f} mm from where the masks show it, "
             f"turned by {np.degrees(registration.turn):.0f} deg",
             allowed=f"{1e3 * _NEAR:.0f} mm at most; check the origin of the mesh and object.X_WO",
+        )
+    size = measure_size(registered(source.views, registration), source.mesh, source.up)
+    if abs(np.log(size.scale)) > np.log(1.0 + _AS_LARGE) or abs(size.height) > _AS_HIGH:
+        raise InputError(
+            source.mesh_path,
+            value=f"a mesh that the masks show {size.words()}",
+            allowed=f"{_AS_LARGE:.0%} and {1e3 * _AS_HIGH:.0f} mm; check scale and origin of the mesh and object.X_WO",
         )
 
 

@@ -162,15 +162,12 @@ def _guarded(path: Path, read: Callable[[Path], Result]) -> Result:
         raise InputError(path, value=found, allowed="a watertight triangle mesh") from error
 
 
-def _read_shells(path: Path) -> list[Shell]:
-    """Return the closed shells of a file, object by object."""
-    if not path.is_file():
-        value = "a folder" if path.is_dir() else "no such file"
-        raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply, .off or .glb")
-    objects = read_objects(path)
-    if not objects:
-        raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
-    vertices = np.concatenate([vertices[np.unique(faces)] for vertices, faces in objects.values()])
+def require_extent(path: Path, vertices: np.ndarray) -> None:
+    """Require vertices (n, 3) [m] of a file that are finite, and of an object of 1 mm to 5 m.
+
+    Raises:
+        InputError: They are not.
+    """
     if not np.all(np.isfinite(vertices)):
         raise InputError(path, value="a coordinate that is not finite", allowed="finite coordinates in metres")
     extent = float(np.ptp(vertices, axis=0).max())
@@ -180,6 +177,18 @@ def _read_shells(path: Path) -> list[Shell]:
             value=f"an extent of {extent:g} m",
             allowed=f"{_SMALLEST:g} m to {_LARGEST:g} m; is it in millimetres?",
         )
+
+
+def _read_shells(path: Path) -> list[Shell]:
+    """Return the closed shells of a file, object by object."""
+    if not path.is_file():
+        value = "a folder" if path.is_dir() else "no such file"
+        raise InputError(path, value=value, allowed="a mesh file: .obj, .stl, .ply, .off or .glb")
+    objects = read_objects(path)
+    if not objects:
+        raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
+    vertices = np.concatenate([vertices[np.unique(faces)] for vertices, faces in objects.values()])
+    require_extent(path, vertices)
     shells: list[Shell] = []
     open_ones: list[Triangles] = []
     for triangles in objects.values():

@@ -10,6 +10,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError, RenderingError
+from pinwm_drake.geometry.meshes import require_extent
 from pinwm_drake.reading.meshes import read_scene
 from pinwm_drake.rendering.harmonics import Y0
 from pinwm_drake.rendering.patches import EVEN, Patches, crease_ends, farthest, keep_inside, line_creases, spread
@@ -49,8 +50,8 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
         The surfels, of degree 0, frame O.
 
     Raises:
-        InputError: The file is missing, cannot be read, has no faces of any area, a face without a material, or a
-            material with a texture.
+        InputError: The file is missing, cannot be read, has no faces of any area, is not of 1 mm to 5 m, has a face
+            without a material, or a material with a texture.
         RenderingError: The number is out of range.
     """
     if number < _FEWEST:
@@ -89,6 +90,8 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
     corners: list[np.ndarray] = []
     faces, colours, count = [], [], 0
     for part in scene.geometry.values():
+        if len(getattr(part, "faces", ())) == 0:  # points, or lines of two corners
+            continue
         material = getattr(part.visual, "material", None)
         if material is None or material.name in (None, ""):
             raise InputError(path, value="faces without a material", allowed=allowed)
@@ -100,6 +103,7 @@ def _read(path: Path) -> tuple[trimesh.Trimesh, np.ndarray]:
         colours.append(np.repeat(np.asarray(material.diffuse, float)[None, :3] / 255.0, len(part.faces), axis=0))
     if not faces:
         raise InputError(path, value="no faces", allowed=allowed)
+    require_extent(path, np.concatenate(corners))
     _, first, same = np.unique(
         np.round(np.concatenate(corners) / _JOIN), axis=0, return_index=True, return_inverse=True
     )

@@ -54,7 +54,8 @@ class Patches:
 def crease_ends(mesh: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """End (n, 2, 3) [m] of the edges at which faces meet at an angle, and the two faces (n, 2) at each."""
     sharp = mesh.face_adjacency_angles > _CREASE
-    return np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]], mesh.face_adjacency[sharp]
+    ends = np.asarray(mesh.vertices)[mesh.face_adjacency_edges[sharp]]
+    return ends.reshape(-1, 2, 3), mesh.face_adjacency[sharp].reshape(-1, 2)  # one face has no neighbours at all
 
 
 def spread(mesh: trimesh.Trimesh, number: int, generator: np.random.Generator) -> Patches:

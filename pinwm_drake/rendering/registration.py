@@ -11,13 +11,13 @@ from scipy.optimize import minimize
 
 from pinwm_drake.rendering.silhouette import silhouette
 from pinwm_drake.rendering.views import View
-from pinwm_drake.spatial.poses import Pose, compose
+from pinwm_drake.spatial.poses import Pose, compose, identity
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_log
 
 # Longest side of the masks that are compared, px, and the margin around the object.
 _SIZE, _MARGIN = 200, 12
-# First steps of the search: m, rad; and its precision.
-_PLACE, _TURN = 4e-3, 0.05
+# First steps of the search: m, rad, share of the size; and its precision.
+_PLACE, _TURN, _GROWTH = 4e-3, 0.05, 0.03
 _PRECISE, _EVALUATIONS = 2e-5, 200
 # A pose is left as it is given unless another one takes away so much of the difference of the masks.
 _WORTH = 0.2
@@ -59,12 +59,7 @@ def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Re
         return Registration(_moved(np.zeros(3), up), (0.0, 0.0))
 
     def differing(d: np.ndarray) -> float:
-        X_OS, count = _moved(d * [_PLACE, _PLACE, _TURN], up), 0
-        for view in small:
-            covered = silhouette(mesh, view.camera, compose(view.X_CO, X_OS))
-            shown = view.mask.numpy()
-            count += int(shown.sum()) if covered is None else int((covered != shown).sum())
-        return count / total
+        return _differing(small, mesh, _moved(d * [_PLACE, _PLACE, _TURN], up)) / total
 
     before = differing(np.zeros(3))
     simplex = np.vstack([np.zeros(3), np.eye(3)])
@@ -75,9 +70,63 @@ def register(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Re
     return Registration(_moved(found.x * [_PLACE, _PLACE, _TURN], up), (before, float(found.fun)))
 
 
+@dataclass(frozen=True)
+class Size:
+    """Size and height of the object in the views, against those that were given."""
+
+    scale: float  # Length in the masks for each of the mesh
+    height: float  # m, along the floor's normal
+
+    def words(self) -> str:
+        """Both in words."""
+        return f"{self.scale:.2f} times as large and {1e3 * self.height:+.0f} mm in height"
+
+
+def measure_size(views: Sequence[View], mesh: trimesh.Trimesh, up: np.ndarray) -> Size:
+    """Find size and height for which outlines and masks agree best, where the object is registered.
+
+    Args:
+        views: The images, with the registered poses of the object.
+        mesh: Surface of the object, m, frame O.
+        up: (3,), unit, frame O: the floor's normal.
+
+    Returns:
+        Size and height; those of the mesh where no other ones are clearly better.
+    """
+    vertices, normal = np.array(mesh.vertices), torch.as_tensor(up, dtype=torch.float64)
+    middle = vertices.mean(axis=0)
+    small = [view.close_up(torch.from_numpy(vertices), _MARGIN, _SIZE) for view in views]
+    total = sum(int(view.mask.sum()) for view in small)
+
+    def differing(d: np.ndarray) -> float:
+        scaled = mesh.copy()
+        scaled.vertices = middle + np.exp(d[0] * _GROWTH) * (vertices - middle)
+        return _differing(small, scaled, Pose(identity().q, d[1] * _PLACE * normal)) / total
+
+    if total == 0:
+        return Size(1.0, 0.0)
+    before = differing(np.zeros(2))
+    simplex = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 1e-5, "maxfev": _EVALUATIONS}
+    found = minimize(differing, np.zeros(2), method="Nelder-Mead", options=options)
+    if float(found.fun) > (1.0 - _WORTH) * before:
+        return Size(1.0, 0.0)
+    return Size(float(np.exp(found.x[0] * _GROWTH)), float(found.x[1] * _PLACE))
+
+
 def registered(views: Sequence[View], registration: Registration) -> list[View]:
     """View with the object where the registration has it."""
     return [replace(view, X_CO=compose(view.X_CO, registration.X_OS)) for view in views]
+
+
+def _differing(views: Sequence[View], mesh: trimesh.Trimesh, X_OS: Pose) -> int:
+    """Pixels in which masks and outlines differ, all views together."""
+    count = 0
+    for view in views:
+        covered = silhouette(mesh, view.camera, compose(view.X_CO, X_OS))
+        shown = view.mask.numpy()
+        count += int(shown.sum()) if covered is None else int((covered != shown).sum())
+    return count
 
 
 def _moved(d: np.ndarray, up: np.ndarray) -> Pose:

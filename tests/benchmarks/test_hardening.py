@@ -9,10 +9,13 @@ import time
 
 import numpy as np
 import pytest
+import torch
 
-from benchmarks.hardening import endurance, kills, messages, readers
+from benchmarks.hardening import agreement, endurance, kills, messages, readers
 from benchmarks.hardening.mutations import mutate
 from benchmarks.hardening.parts import PARTS, part
+from benchmarks.hardening.values import summary
+from pinwm_drake.spatial.poses import Pose
 
 # Readers whose samples are made in no time; the others run at full size.
 QUICK = [
@@ -168,6 +171,27 @@ def test_leaks_of_a_process_are_seen(tmp_path, monkeypatch):
     assert wrong.startswith("files grew by 30; memory grew by 4")
     for file, _ in kept:
         file.close()
+
+
+def test_two_threads_and_libraries_of_another_cpu_agree(tmp_path, monkeypatch):
+    variants = {"1 thread": (1, {}), "other": (2, agreement.OLD_LIBRARIES)}
+    monkeypatch.setattr(agreement, "VARIANTS", variants)
+    quantities = ("motion", "image", "action, onnxruntime", "action, torch")
+    found = agreement.run(tmp_path, 1, 0, tuple(variants), quantities)
+    assert found["violations"] == []
+    assert set(found["variants"]["other"]) == set(quantities)
+    # Another difference than none is told.
+    monkeypatch.setattr(agreement, "difference", lambda *_: 2 * max(most for _, most in agreement.TOLERANCES.values()))
+    wrong = agreement.run(tmp_path, 1, 0, tuple(variants), ("motion",))["violations"]
+    assert [one["quantity"] for one in wrong] == ["motion"]
+
+
+def test_contents_are_compared_by_all_values():
+    one = {"a": np.array([1.0, 2.0]), "b": [Pose(torch.zeros(4), torch.ones(3)), "x"]}
+    other = {"a": np.array([1.0, 2.0]), "b": [Pose(torch.zeros(4), torch.tensor([1.0, 1.0, 1.001])), "x"]}
+    assert summary(one) == summary(dict(reversed(one.items())))
+    assert summary(one)[0] != summary(other)[0]
+    assert summary({"a": np.array([np.nan, 1.0]), "b": float("inf")})[1] == 2
 
 
 def test_times_do_not_make_results_others(tmp_path):

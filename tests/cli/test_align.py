@@ -117,6 +117,9 @@ def test_a_bare_folder_needs_a_mesh_and_no_held_out_views(pinwm, tmp_path):
         (lambda mesh: mesh.apply_scale([1.0, 0.4, 1.0]), "misses the masks"),
         (lambda mesh: mesh.apply_translation([0.0, 0.0, 0.03]), "misses the masks"),
         (lambda mesh: mesh.apply_translation([0.02, 0.0, 0.0]), "a mesh that is 20 mm from where the masks"),
+        (lambda mesh: mesh.apply_scale(0.9), r"the masks show 1\.1[0-3] times as large and [+-][01] mm in height"),
+        (lambda mesh: mesh.apply_scale(1.1), r"the masks show 0\.9[0-3] times as large and [+-][01] mm in height"),
+        (lambda mesh: mesh.apply_translation([0.0, 0.0, 0.01]), r"the masks show 1\.0\d times as large and -10 mm"),
     ],
 )
 def test_a_mesh_that_does_not_fit_its_masks_is_refused_before_the_fit(pinwm, tmp_path, monkeypatch, change, found):

@@ -57,7 +57,7 @@ def test_a_wrong_focal_length_has_a_row_for_static_views_and_one_for_an_episode(
     for path in (folder / "static/transforms.json", folder / "episodes/0000/camera.json"):
         document = json.loads(path.read_text())
         for name in ("fl_x", "fl_y"):
-            document[name] *= 0.7
+            document[name] *= 0.85
         path.write_text(json.dumps(document))
     _, out, _ = pinwm("capture", "check", str(folder))
     assert "7 more like this, in 8 files" in out

@@ -10,7 +10,7 @@ import torch
 from scipy.stats import kstest
 
 from pinwm_drake.cousins.cousin import CousinDraw, draw_cousins
-from pinwm_drake.cousins.io import _hash as file_hash
+from pinwm_drake.cousins.io import hash_cousins as file_hash
 from pinwm_drake.cousins.io import hash_twin, read_cousins, write_cousins
 from pinwm_drake.cousins.theta import MOMENTS
 from pinwm_drake.errors import InputError, ParameterError

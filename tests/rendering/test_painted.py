@@ -84,6 +84,10 @@ FACE = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0.1 0\n"
         ("", "allowed: an OBJ file of coloured faces"),
         (FACE + "f 1 2 3\n", "faces without a material"),
         ("mtllib a.mtl\nusemtl red\n" + FACE + "f 1 3 4\n", "faces without area"),
+        ("mtllib a.mtl\nusemtl red\nv 1e300 0 0\n" + FACE + "f 1 2 3\n", "an extent of 1e+300 m"),
+        ("mtllib a.mtl\nusemtl red\nv nan 0 0\n" + FACE + "f 1 2 3\n", "a coordinate that is not finite"),
+        ("mtllib a.mtl\nusemtl red\n" + FACE + "f 1 2\n", "no faces"),
+        ("mtllib a.mtl\nusemtl red\n" + FACE, "no faces"),
         ("mtllib a.mtl\nusemtl blue\n" + FACE + "f 1 2 3\n", "faces without a material"),
     ],
 )
@@ -95,3 +99,11 @@ def test_files_that_cannot_be_used_are_refused(tmp_path, text, message):
     with pytest.raises(InputError, match=r"a\.obj: .*allowed: ") as error:
         painted_surfels(path)
     assert message in str(error.value)
+
+
+def test_a_single_face_has_no_creases(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 0.8 0.1 0.1\n")
+    (tmp_path / "a.obj").write_text("mtllib a.mtl\nusemtl red\n" + FACE + "f 1 2 3\n")
+    surfels = painted_surfels(tmp_path / "a.obj", 200)
+    assert surfels.num_surfels == 200
+    assert torch.allclose(surfels.p_OS[:, 2], torch.zeros(200, dtype=surfels.p_OS.dtype))

@@ -28,11 +28,12 @@ class Agreement:
     iou: float  # leaving out what is near the outline
     area_ratio: float  # pixels of the mask for each of the silhouette
     shift: tuple[float, float]  # px, x and y: the mask's middle from the silhouette's
+    sized: bool = True  # the areas differ by less than a rim all around
 
     @property
     def poor(self) -> bool:
         """Flag: the agreement is too low for a mesh, scale and calibration that fit."""
-        return self.iou < _AGREEMENT
+        return self.iou < _AGREEMENT or not self.sized
 
     def words(self) -> str:
         """Overlap, ratio of areas and shift in words."""
@@ -44,16 +45,25 @@ def compare(outline: np.ndarray, mask: np.ndarray, ignored: np.ndarray | None = 
     """Agreement of a silhouette with a mask but for ignored pixels, all (H, W) bool; None where too little is left."""
     visible = np.ones_like(mask) if ignored is None else ~ignored
     one, other = outline & visible, mask & visible
-    width = round(max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1]))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
-    pixels = outline.astype(np.uint8)
-    counts = cv2.dilate(pixels, kernel) == cv2.erode(pixels, kernel)
+    allowed = max(_TOLERANCE[0], _TOLERANCE[1] * mask.shape[1])
+    small, large = _rim(outline, round(allowed))
+    counts = small == large
     union = int((counts & (one | other)).sum())
     if union < _FEW_INSIDE or not one.any() or not other.any():
         return None
     y, x = np.argwhere(other).mean(axis=0) - np.argwhere(one).mean(axis=0)
     iou, area_ratio = float((counts & one & other).sum() / union), float(other.sum() / one.sum())
-    return Agreement(iou, area_ratio, (float(x), float(y)))
+    thin, wide = _rim(outline, 1)
+    border = int(((wide & visible).sum() - (thin & visible).sum()) / 2)  # px^2 for each px of width
+    sized = abs(int(other.sum()) - int(one.sum())) <= allowed * border
+    return Agreement(iou, area_ratio, (float(x), float(y)), sized)
+
+
+def _rim(outline: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Silhouette (H, W) bool without and with a rim of a width, px, on either side of its border."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
+    pixels = outline.astype(np.uint8)
+    return cv2.erode(pixels, kernel) > 0, cv2.dilate(pixels, kernel) > 0
 
 
 def sharpness(image: np.ndarray, mask: np.ndarray) -> float | None:
