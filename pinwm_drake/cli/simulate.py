@@ -37,8 +37,8 @@ def simulate(request: SimulateRequest) -> None:
     scene = twin if scenario is None else scenario
     assert scene is not None  # as the request has checked
     setup = load_setup(scene, twin=None if scenario is None else twin)
-    say(f"the object acts as {acting_words(setup.twin.acts_as)}")
     session = Session(setup, options)
+    say(f"the object acts as {acting_words(setup.twin.acts_as)}")
     if options.meshcat:
         _announce(session, options.host)
     try:
