@@ -232,6 +232,7 @@ def test_meshcat_until_ctrl_c(scenario):
         [*command, *arguments], cwd=ROOT, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     try:
+        assert process.stdout.readline().startswith("the object acts as a box of ")
         first = process.stdout.readline()
         url = re.fullmatch(r"Meshcat is at (http://localhost:\d+)\n", first)
         assert url, first + process.stderr.read() if process.poll() else first
