@@ -17,6 +17,7 @@ from scipy.stats import binomtest
 from benchmarks.next_push.coverage import coverage_table
 from benchmarks.next_push.evaluate import cells
 from benchmarks.results import markdown, with_block
+from pinwm_drake.geometry.pieces import touching_pieces
 from pinwm_drake.geometry.primitive import acting_pieces, acting_words
 from pinwm_drake.geometry.stored_pieces import mesh_pieces, mesh_primitives
 from pinwm_drake.models import OBJECT_NAMES, object_model
@@ -84,8 +85,7 @@ def acts_as() -> str:
     for name in OBJECT_NAMES:
         path = object_model(name).mesh_path
         found, pieces = mesh_primitives(path), mesh_pieces(path)
-        acting = acting_pieces(pieces, found)
-        met = len(acting) - sum(piece.hides for piece in acting)
+        met = len(touching_pieces(acting_pieces(pieces, found)))
         rows.append((name, acting_words(found), f"{len(pieces)}", f"{met}"))
     return table("object | acts as | pieces of the mesh | pieces that are met from outside", rows)
 

@@ -171,7 +171,8 @@ def require_fitting(source: Source, registration: Registration) -> None:
     Raises:
         InputError: Outline and mask overlap too little in too many views, or far from the given pose or size alone.
     """
-    found = [_overlap(view, source.mesh) for view in registered(source.views, registration)]
+    views = registered(source.views, registration)
+    found = [_overlap(view, source.mesh) for view in views]
     judged = [(view.name, overlap) for view, overlap in zip(source.views, found, strict=True) if overlap is not None]
     poor = [(name, overlap) for name, overlap in judged if overlap.iou < _FITS]
     if len(poor) > _EXCEPT * len(judged):
@@ -188,7 +189,7 @@ def require_fitting(source: Source, registration: Registration) -> None:
             f"turned by {np.degrees(registration.turn):.0f} deg",
             allowed=f"{1e3 * _NEAR:.0f} mm at most; check the origin of the mesh and object.X_WO",
         )
-    size = measure_size(registered(source.views, registration), source.mesh, source.up)
+    size = measure_size(views, source.mesh, source.up)
     if abs(np.log(size.scale)) > np.log(1.0 + _AS_LARGE) or abs(size.height) > _AS_HIGH:
         raise InputError(
             source.mesh_path,

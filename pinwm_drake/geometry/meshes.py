@@ -163,7 +163,7 @@ def _guarded(path: Path, read: Callable[[Path], Result]) -> Result:
 
 
 def require_extent(path: Path, vertices: np.ndarray) -> None:
-    """Require vertices (n, 3) [m] of a file that are finite, and of an object of 1 mm to 5 m.
+    """Require finite vertices (n, 3) [m], of a file at `path`, whose extent is 1 mm to 5 m.
 
     Raises:
         InputError: They are not.

@@ -227,7 +227,7 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
     from scipy.spatial import ConvexHull
 
     points, owners = [], []
-    sharp = [body[i].vertices for i in _touching(body) if body[i].kind == HULL]
+    sharp = [body[i].vertices for i in touching_pieces(body) if body[i].kind == HULL]
     if sharp:
         # A vertex that pieces share (to 1e-9 m) comes once. A plane touches a union of pieces only where it
         # touches their common convex hull, so that of many vertices the inner ones drop out; of few they stay,
@@ -245,8 +245,8 @@ def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray
     return together, np.concatenate([*owners, rounded_owners]), np.zeros((len(together), 3))
 
 
-def _touching(body: list[ConvexPiece]) -> list[int]:
-    """Pieces of a body that are in no other: the floor touches no more."""
+def touching_pieces(body: list[ConvexPiece]) -> list[int]:
+    """Indices of the pieces of a body that are behind no other: a floor touches no more."""
     hidden = {k for i, piece in enumerate(body) for k in range(i + 1, i + 1 + piece.hides)}
     return [i for i in range(len(body)) if i not in hidden]
 
@@ -254,7 +254,7 @@ def _touching(body: list[ConvexPiece]) -> list[int]:
 def _rounded_floor_points(body: list[ConvexPiece], first_piece: int, step: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 4), with radii, of the pieces that are no hulls, and their owners; of a rim each `step`-th."""
     points, owners = [np.zeros((0, 4))], [np.zeros(0, np.int64)]
-    for i in _touching(body):
+    for i in touching_pieces(body):
         piece = body[i]
         if piece.kind == HULL:
             continue

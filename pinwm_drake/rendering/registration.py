@@ -78,7 +78,7 @@ class Size:
     height: float  # m, along the floor's normal
 
     def words(self) -> str:
-        """Both in words."""
+        """Say size and height in words."""
         return f"{self.scale:.2f} times as large and {1e3 * self.height:+.0f} mm in height"
 
 

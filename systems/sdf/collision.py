@@ -12,7 +12,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
-from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece, touching_pieces
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces
 from pinwm_drake.geometry.shapes import convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
@@ -44,10 +44,8 @@ def carrying_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitiv
 
     Arguments are those of `met_pieces`. Round primitives are hulls of many sides.
     """
-    acting, kept, k = acting_pieces(pieces, primitives), [], 0
-    while k < len(acting):
-        kept.append(acting[k])
-        k += 1 + acting[k].hides
+    acting = acting_pieces(pieces, primitives)
+    kept = [acting[k] for k in touching_pieces(acting)]
     return [piece if piece.kind == HULL else convex_hull(_many_sides(piece).vertices, 1e-9) for piece in kept]
 
 
@@ -106,11 +104,10 @@ def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
     """Mesh of a piece; of a sphere or capsule with its corners on it, of a cylinder with its sides on it."""
     if piece.kind == HULL:
         return trimesh.convex.convex_hull(piece.vertices)
-    ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
-    points = (piece.vertices[:, None] + ball).reshape(-1, 3)
     if piece.kind == CYLINDER:
-        points = _rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS)))
-    return trimesh.convex.convex_hull(points)
+        return trimesh.convex.convex_hull(_rims(replace(piece, radius=piece.radius / np.cos(np.pi / SECTIONS))))
+    ball = trimesh.creation.icosphere(_DIVISIONS, piece.radius).vertices
+    return trimesh.convex.convex_hull((piece.vertices[:, None] + ball).reshape(-1, 3))
 
 
 def _rims(cylinder: ConvexPiece) -> np.ndarray:
