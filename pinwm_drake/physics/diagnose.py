@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Diagnosis of one step: its contacts and the residuals of its solution."""
+"""Diagnosis of one step: its contacts and the residuals of its solutions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError, StateError
 from pinwm_drake.physics.kernels.cone import FULL_STICKS
+from pinwm_drake.physics.kernels.dynamics import POSITION, VELOCITY
 from pinwm_drake.physics.kernels.recorded import inspect_step
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters, kernel_arrays
@@ -16,7 +18,10 @@ from pinwm_drake.physics.state import State, check_tensor
 
 @dataclass(frozen=True, eq=False)
 class StepReport:
-    """Contacts of one step of one world, and how well their law holds. C contacts."""
+    """Contacts of one step of one world, and how well their law holds in both of its stages. C contacts.
+
+    Gaps, frames and witness points are those at its start, impulses are sums over the stages.
+    """
 
     pair: list[str]  # names of the touching pairs, one for each contact
     gap: np.ndarray  # (C,), m
@@ -24,9 +29,10 @@ class StepReport:
     witness: np.ndarray  # (C, 2, 3), surface points on A and B, world frame, m
     impulse_W: np.ndarray  # (C, 3), impulse on A, world frame, N s
     impulse: np.ndarray  # (C, 3), the same in the contact's frame: normal and two tangential components
-    # (C, 3), s = v + eps lambda, relative velocity after the step with gap, restitution and compliance, in the
-    # contact's frame, m/s; see `kernels/cone.py`
+    # (C, 3), s = v + eps lambda, relative velocity after the step and compliance, in the contact's frame there, m/s;
+    # see `kernels/cone.py`
     slip: np.ndarray
+    u: np.ndarray  # (n,), velocities with which positions move [rad/s; m/s] of all bodies, then joint impulses
     x: np.ndarray  # (n,), velocities after the step [rad/s; m/s] of all bodies, then joint impulses
     jammed: np.ndarray  # (C,), whether the pusher presses as hard as it can
     lagged: bool  # whether friction has the bound of an iteration before
@@ -40,7 +46,7 @@ class StepReport:
 def inspect(
     model: Model, parameters: Parameters, state: State, V_WP: Tensor | None = None, *, world: int = 0
 ) -> StepReport:
-    """Build and solve the step that would follow `state`, without taking it.
+    """Build and solve the step that would follow `state`, in one part, without taking it.
 
     Args:
         model: the scene.
@@ -61,31 +67,53 @@ def inspect(
     V = state.p_WP.new_zeros(W, 6) if V_WP is None else V_WP
     check_tensor("V_WP", V, (W, 6))
     arrays = kernel_arrays(parameters, V[None], (tensor[None] for tensor in state.tensors()))
-    used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows, world)
-    if used < 0:
-        raise SolverError(f"world {world}: the contacts have no finite solution")
-    C = int(contacts.number[0])
-    impulse, mu = solver.lam[:C], contacts.mu[:C]
-    slip = solver.v[:C] + system.contact_compliance * impulse
-    jammed = solver.mode[:C] >= FULL_STICKS
-    slip[jammed, 0] = np.maximum(slip[jammed, 0], 0.0)  # the pusher enters what resists more than it can press
-    inside = mu * impulse[:, 0] - np.linalg.norm(impulse[:, 1:], axis=1)
-    normal = np.where(jammed, 0.0, impulse[:, 0] * slip[:, 0])
-    power = (impulse[:, 1:] * slip[:, 1:]).sum(1) + mu * impulse[:, 0] * np.linalg.norm(slip[:, 1:], axis=1)
+    errors, iterations, lagged = [], 0, False
+    impulse, impulse_W, jammed = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1, bool)
+    for stage in (POSITION, VELOCITY):
+        used, contacts, system, solver = inspect_step(model.arrays, *arrays, model.contact_rows, world, stage)
+        if used < 0:
+            raise SolverError(f"world {world}: the contacts have no finite solution")
+        C = int(contacts.number[0])
+        lam, frame = solver.lam[:C], contacts.frame[:C].copy()
+        if stage == POSITION:
+            gap, first_frame, witness = contacts.gap[:C].copy(), frame, contacts.witness[:C].copy()
+            u = solver.x.copy()
+        errors.append(_errors(C, contacts, system, solver))
+        impulse, impulse_W = impulse + lam, impulse_W + np.einsum("ci,cij->cj", lam, frame)
+        jammed = jammed | (solver.mode[:C] >= FULL_STICKS)
+        iterations, lagged = int(used), lagged or bool(solver.lagged[0])
     names = model.pair_names
+    momentum, sign, complementarity = np.max(errors, axis=0)
     return StepReport(
         pair=[names[i] for i in contacts.pair[:C]],
-        gap=contacts.gap[:C].copy(),
-        frame=contacts.frame[:C].copy(),
-        witness=contacts.witness[:C].copy(),
-        impulse_W=np.einsum("ci,cij->cj", impulse, contacts.frame[:C]),
-        impulse=impulse.copy(),
-        slip=slip,
+        gap=gap,
+        frame=first_frame,
+        witness=witness,
+        impulse_W=impulse_W,
+        impulse=impulse,
+        slip=solver.v[:C] + system.contact_compliance * lam,
+        u=u,
         x=solver.x.copy(),
         jammed=jammed,
-        lagged=bool(solver.lagged[0]),
-        iterations=int(used),
-        momentum_residual=float(np.max(np.abs(solver.dx), initial=0.0)),
-        sign_violation=float(max(0.0, -min(np.min(v, initial=0.0) for v in (impulse[:, 0], slip[:, 0], inside)))),
-        complementarity=float(max(np.max(np.abs(v), initial=0.0) for v in (normal, power))),
+        lagged=lagged,
+        iterations=iterations,
+        momentum_residual=float(momentum),
+        sign_violation=float(sign),
+        complementarity=float(complementarity),
+    )
+
+
+def _errors(C: int, contacts: Any, system: Any, solver: Any) -> tuple[float, float, float]:
+    """Momentum residual, sign violation and complementarity of a stage with C contacts; see `StepReport`."""
+    lam, mu = solver.lam[:C], contacts.mu[:C]
+    slip = solver.v[:C] + system.contact_compliance * lam
+    jammed = solver.mode[:C] >= FULL_STICKS
+    slip[jammed, 0] = np.maximum(slip[jammed, 0], 0.0)  # the pusher enters what resists more than it can press
+    inside = mu * lam[:, 0] - np.linalg.norm(lam[:, 1:], axis=1)
+    normal = np.where(jammed, 0.0, lam[:, 0] * slip[:, 0])
+    power = (lam[:, 1:] * slip[:, 1:]).sum(1) + mu * lam[:, 0] * np.linalg.norm(slip[:, 1:], axis=1)
+    return (
+        float(np.max(np.abs(solver.dx), initial=0.0)),
+        float(max(0.0, -min(np.min(v, initial=0.0) for v in (lam[:, 0], slip[:, 0], inside)))),
+        float(max(np.max(np.abs(v), initial=0.0) for v in (normal, power))),
     )
