@@ -37,7 +37,7 @@ class Contacts:
 
 
 def skew(v: Tensor) -> Tensor:
-    """Return matrices of cross products with v."""
+    """Return matrices (..., 3, 3) of cross products with v (..., 3)."""
     return torch.linalg.cross(v[..., None, :], torch.eye(3).to(v).expand(*v.shape, 3)).mT
 
 
@@ -50,7 +50,7 @@ class Features(NamedTuple):
     pair: np.ndarray  # (W, C)
 
     def of(self, worlds: Tensor) -> "Features":
-        """Return those of some worlds, given by their numbers."""
+        """Return those of some worlds, given by their numbers (n,)."""
         chosen = worlds.cpu().numpy()
         return Features(*(values[chosen] for values in self))
 

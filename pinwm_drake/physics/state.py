@@ -29,7 +29,7 @@ class TensorFields:
         return type(self)(*map(change, self.tensors()))
 
     def worlds(self, numbers: Tensor) -> Self:
-        """Those of some worlds, given by their numbers."""
+        """Those of some worlds, given by their numbers (n,)."""
         return self.changed(lambda tensor: tensor[numbers])
 
     def detach(self) -> Self:
