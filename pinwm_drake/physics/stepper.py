@@ -145,10 +145,10 @@ class Stepper:
         Raises:
             SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
         """
-        frames = self._roll(theta, state, V_WP, len(V_WP), False)[4]
+        frames = self.roll(theta, state, V_WP, len(V_WP), False)[4]
         return tuple([array[1] for array in frames[:5]])
 
-    def _roll(
+    def roll(
         self,
         theta: Arrays,
         state: Arrays,
@@ -158,7 +158,17 @@ class Stepper:
         hold: bool = False,
         pairs: int = 0,
     ) -> tuple:
-        """Roll out; return the arguments of the kernels: model, theta, V_WP, record_every, frames, saved, given."""
+        """Roll out plain arrays, nothing checked: `rollout` with all that the kernels keep.
+
+        Args:
+            theta, state, V_WP, record_every: as in `advance` and `rollout`.
+            keep: whether to keep what a backward pass needs.
+            hold: as `on_failure`.
+            pairs: number of pairs whose impulses are summed up; 0 for none.
+
+        Returns:
+            The arguments of the kernels: model, theta, V_WP, record_every, frames, saved, given (W, pairs, 3).
+        """
         model = self.model
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
@@ -196,7 +206,7 @@ class Stepper:
         Returns:
             (W, num_pairs, 3), on body A of a pair, world frame, N s.
         """
-        given: np.ndarray = self._roll(theta, states, V_WP, 1, False, pairs=len(self.model.pair_names))[6]
+        given: np.ndarray = self.roll(theta, states, V_WP, 1, False, pairs=len(self.model.pair_names))[6]
         return given
 
 
@@ -238,7 +248,7 @@ class _Rollout(torch.autograd.Function):
     def forward(ctx: Any, stepper: Stepper, record_every: int, hold: bool, *inputs: Tensor) -> tuple[Tensor, ...]:
         arrays = tuple(_array(tensor) for tensor in inputs)
         needed = any(ctx.needs_input_grad)
-        *_, frames, saved, _ = stepper._roll(arrays[:7], arrays[7:12], arrays[12], record_every, needed, hold)
+        *_, frames, saved, _ = stepper.roll(arrays[:7], arrays[7:12], arrays[12], record_every, needed, hold)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
         jams, lagged, early = (torch.from_numpy(row) for row in frames[5][1:])
         failed = torch.from_numpy(frames[5][0] < 0)

@@ -14,7 +14,7 @@ Brikis, "Improving gradient computation for differentiable physics simulation wi
 """
 
 from pinwm_drake.jit import part_of_kernel, small_kernel
-from pinwm_drake.physics.kernels.cone import OPEN, contact_velocity
+from pinwm_drake.physics.kernels.cone import contact_velocity
 from pinwm_drake.physics.kernels.contact_adjoint import (
     force_adjoint,
     rows_adjoint,
@@ -22,22 +22,18 @@ from pinwm_drake.physics.kernels.contact_adjoint import (
     stabilisation_adjoint,
 )
 from pinwm_drake.physics.kernels.curve import middle_adjoint
-from pinwm_drake.physics.kernels.detect import select_features
 from pinwm_drake.physics.kernels.dynamics import (
     IMPACT,
     POSITION,
     VELOCITY,
     gyroscopic_acceleration,
     gyroscopic_jacobian,
-    rotation_from_quaternion,
     solve3,
 )
 from pinwm_drake.physics.kernels.joints import joints_adjoint
-from pinwm_drake.physics.kernels.newton import recall_solution
+from pinwm_drake.physics.kernels.recall import recall_contacts, recall_stage
 from pinwm_drake.physics.kernels.small_matrix import lu_solve_transposed
 from pinwm_drake.physics.kernels.stabilise import stabilise
-from pinwm_drake.physics.kernels.states import load
-from pinwm_drake.physics.kernels.step import build_stage
 from pinwm_drake.physics.kernels.time_adjoint import time_adjoint
 from pinwm_drake.physics.kernels.triples import add, cross, dot, multiply, multiply_transposed, rotation_adjoint
 
@@ -166,30 +162,14 @@ def step_adjoint(
     Returns:
         False if a stage's matrix was singular.
     """
-    nb, has_pusher = model.num_bodies, model.num_kinematic > 0
-    mass, inertia, friction, restitution = theta
+    nb, inertia, restitution = model.num_bodies, theta[1], theta[3]
     mass_bar, inertia_bar, friction_bar, restitution_bar = theta_bar
     impact = bodies.time_step[0] == 0.0
     adjoint.length[0] = 0.0
-    load(bodies, nb, has_pusher, start, s - 1 if impact and carried else s, w)
-    for b in range(nb + model.num_kinematic):
-        rotation_from_quaternion(bodies.q[b], bodies.R[b])
-    select_features(model, bodies, contacts)
-    for c in range(contacts.number[0]):
-        contacts.closed[c] = 1 if solver.mode[c] != OPEN else 0
+    recall_contacts(model, bodies, contacts, solver, start, s - 1 if impact and carried else s, w)
     for back in range(1 if impact else 2):
         stage = IMPACT if impact else VELOCITY - back
-        load(bodies, nb, has_pusher, end if stage == VELOCITY else start, at if stage == VELOCITY else s, w)
-        for b in range(nb):
-            for i in range(6):
-                solver.x[6 * b + i] = end[2][at, w, b, i] if stage != POSITION else solver.u[6 * b + i]
-                if stage == VELOCITY:
-                    bodies.V[b, i] = solver.u[6 * b + i]
-        if stage == POSITION:
-            for c in range(contacts.number[0]):
-                solver.mode[c] = solver.first[c]
-        build_stage(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, stage, False)
-        if not recall_solution(system, contacts, solver):
+        if not recall_stage(model, theta, bodies, contacts, system, solver, sweep, start, s, end, at, w, stage):
             return False
         adjoint.J_e[:] = 0.0
         adjoint.error_e[:] = 0.0

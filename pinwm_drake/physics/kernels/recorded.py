@@ -1,66 +1,45 @@
 # SPDX-License-Identifier: MIT
-"""Contacts of recorded states: the narrow phase, and one step laid open (numba)."""
+"""Contacts of recorded states: the narrow phase, and parts of a step laid open (numba)."""
 
 import numpy as np
 
 from pinwm_drake.jit import entry_point
 from pinwm_drake.physics.kernels.cone import negative_residual
 from pinwm_drake.physics.kernels.detect import select_features
-from pinwm_drake.physics.kernels.dynamics import POSITION, VELOCITY, rotation_from_quaternion
-from pinwm_drake.physics.kernels.solve import solve_again
-from pinwm_drake.physics.kernels.states import drive, load, load_geometry
-from pinwm_drake.physics.kernels.step import advance, build_stage
+from pinwm_drake.physics.kernels.dynamics import rotation_from_quaternion
+from pinwm_drake.physics.kernels.recall import recall_contacts, recall_stage
+from pinwm_drake.physics.kernels.states import drive, load, load_geometry, load_solution
 from pinwm_drake.physics.kernels.workspace import make_workspace
 
 
 @entry_point
-def inspect_step(model, parameters, V_P, states, limit, w, last):
-    """Build and solve the stages of one step from the state of world w; see `diagnose.inspect`.
+def recall_part(model, parameters, V_P, saved, end, s, at, carried, stage):
+    """Recall a stage of a part of a step of one world; see `diagnose.inspect`.
 
     Args:
         model: ModelArrays.
         parameters: as in `rollout.rollout_forward`.
-        V_P: (1, W, 6), pusher velocities.
-        states: q, p, V, q_P and p_P of a frame, as from `states.allocate_frames`.
-        limit: rows of the contact tables.
-        w: the world.
-        last: the stage to end with, POSITION or VELOCITY.
+        V_P: (1, 1, 6), pusher velocity.
+        saved: from `states.allocate_saved`, of the rollout.
+        end: states after the part, at frame `at`.
+        s: number of the part.
+        at: see `end`.
+        carried: whether it is an impact of contacts of the part before.
+        stage: POSITION, VELOCITY or IMPACT.
 
     Returns:
-        Iterations (-1: not solved), contacts, system and solver work of that stage, whose dx is its residual.
+        Whether its matrix is regular; contacts, system and solver work of that stage, whose dx is its residual.
     """
-    bodies, contacts, system, solver, sweep = make_workspace(model, limit)
-    mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
-    load_geometry(model, bodies, parameters, w)
-    load(bodies, model.num_bodies, model.num_kinematic > 0, states, 0, w)
-    drive(bodies, model.num_bodies, model.num_kinematic > 0, V_P, 0, w)
-    used = 0
-    for stage in range(last + 1):
-        if stage == VELOCITY:
-            advance(model, bodies, contacts, system, solver)
-        build_stage(
-            model,
-            mass,
-            inertia,
-            friction,
-            restitution,
-            bodies,
-            contacts,
-            system,
-            solver,
-            sweep,
-            stage,
-            stage == POSITION,
-        )
-        more = solve_again(bodies, system, contacts, solver, stage)
-        if more < 0:
-            return -1, contacts, system, solver
-        used += more
-        if stage == POSITION:
-            for c in range(contacts.number[0]):
-                solver.first[c] = solver.mode[c]
+    bodies, contacts, system, solver, sweep = make_workspace(model, saved[5].shape[2])
+    theta = (parameters[0][0], parameters[1][0], parameters[2][0], parameters[3][0])
+    start = saved[:5]
+    load_geometry(model, bodies, parameters, 0)
+    drive(bodies, model.num_bodies, model.num_kinematic > 0, V_P, 0, 0)
+    load_solution(bodies, contacts, solver, saved, s, 0)
+    recall_contacts(model, bodies, contacts, solver, start, s - 1 if carried else s, 0)
+    regular = recall_stage(model, theta, bodies, contacts, system, solver, sweep, start, s, end, at, 0, stage)
     negative_residual(system, contacts, solver, solver.dx)
-    return used, contacts, system, solver
+    return regular, contacts, system, solver
 
 
 @entry_point
@@ -68,7 +47,11 @@ def select_worlds(model, parameters, V_P, states, limit, spans):
     """Feature pairs of all worlds, padded to `limit` contacts.
 
     Args:
-        model, parameters, V_P, states, limit: as in `inspect_step`.
+        model: ModelArrays.
+        parameters: as in `rollout.rollout_forward`.
+        V_P: (1, W, 6), pusher velocities.
+        states: q, p, V, q_P and p_P of a frame, as from `states.allocate_frames`.
+        limit: rows of the contact tables.
         spans: (W,), times for which contacts are selected, s.
 
     Returns:
