@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from pinwm_drake.identification.identify import Identification
 
-_UNEXPLAINED = 0.01  # loss; two rolls of a mug had 0.013 and 0.019, pushes of a T-block 0.0008
-
 
 def identify(request: IdentifyRequest) -> None:
     """Find friction and moments of a twin from videos of pushes.
@@ -27,9 +25,11 @@ def identify(request: IdentifyRequest) -> None:
     from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
     from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
+    from pinwm_drake.identification.time_step import way_in_a_step
     from pinwm_drake.rendering.fitting import CHECKPOINT_FILE as FIT_CHECKPOINT
     from pinwm_drake.report.live.page import PAGE_FILE
     from pinwm_drake.report.twin.score import pose_errors
+    from pinwm_drake.twin.words import doubt_words
 
     if request.directions is not None:
         warn_without_effect("pinwm identify", "--directions", ROUND_CONE)
@@ -60,24 +60,15 @@ def identify(request: IdentifyRequest) -> None:
     say(f"the object acts as {acting_words(result.twin.acts_as)}")
     if force := result.twin.provenance.get("force"):
         say(force["note"])
-    if doubt := _doubt(result.found.loss):
-        say(doubt)
+    step = result.twin.time_step
+    say(f"time step {1e3 * step:.3g} ms: the pusher moves by {1e3 * way_in_a_step(pushes, step):.1f} mm in it at most")
+    if doubt := doubt_words(result.found.loss):
+        say(f"warning: {doubt}")
     for push, poses in zip(pushes, result.poses, strict=True):
         errors = None if push.object_poses is None else pose_errors(poses, push.object_poses)
         if errors is not None:
             say(f"episode {push.name}: score against object_poses.csv, which was not used: {errors.words()}")
     say(f"wrote {twin / 'twin.yaml'}; look at it with: pinwm report {twin}")
-
-
-def _doubt(loss: float) -> str:
-    """Warning of images that are explained badly, as those of a poke that rolls the object; "" for none."""
-    if loss <= _UNEXPLAINED:
-        return ""
-    return (
-        f"warning: the images are explained badly (loss {loss:.4f}; twins that predict well have 0.001 to 0.003): "
-        "parameters may be farther off than their intervals say; try another --seed, another push, or, where it rolled "
-        "something round, --time-step 0.001"
-    )
 
 
 def _summary(result: "Identification") -> "Table":

@@ -22,6 +22,7 @@ from pinwm_drake.errors import PinwmError
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.identify import capture_scene
 from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.time_step import time_step_of
 from pinwm_drake.identification.unknowns import Coordinates
 
 
@@ -65,7 +66,8 @@ def _compile(folder: Path, options: IdentifyOptions, sender: Connection) -> None
     with suppress(PinwmError):
         capture = load_capture(folder)
         episode, X_WO = read_episode(capture, capture.episode_names[0]), capture.object.X_WO
-        mass, scene = capture.object.mass or 1.0, capture_scene(capture, options.time_step, facets=options.facets)
+        step = options.time_step or time_step_of([episode])
+        mass, scene = capture.object.mass or 1.0, capture_scene(capture, step, facets=options.facets)
         coordinates = Coordinates(options.names, {"mass": mass, **options.held})
         guess = coordinates.draw(1, torch.Generator().manual_seed(options.seed)).requires_grad_()
         poses, _ = Forward(scene, episode, X_WO, mass, 1, chosen=torch.tensor([0, 1])).poses(coordinates.values(guess))

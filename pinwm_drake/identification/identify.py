@@ -22,6 +22,7 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
 from pinwm_drake.identification.search import Found, Progress, Search, Task, frame_numbers
+from pinwm_drake.identification.time_step import time_step_of
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import Scene, make_scene, resting_height
@@ -96,10 +97,10 @@ def identify_theta(
     pushes = distinct_pushes(episodes)
     origin, written = Origin.of(capture, pushes), capture.object.X_WO
     capture = capture if X_OS is None else seen_in(capture, X_OS)
-    number = options.threads
+    number, step = options.threads, options.time_step or time_step_of(pushes)
     mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
     with one_torch_thread():
-        scene = capture_scene(capture, options.time_step, facets=options.facets)
+        scene = capture_scene(capture, step, facets=options.facets)
         pusher = pusher_surface(capture.pusher)
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
@@ -114,6 +115,7 @@ def identify_theta(
             "surfels": _digest(surfels),
             "X_WO": [*X_WO.q.tolist(), *X_WO.p.tolist()],
             "num_threads": number,
+            "physics_step": step,
             **to_plain({name: value for name, value in asdict(options).items() if name not in _MAY_CHANGE}),
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
@@ -143,7 +145,7 @@ def identify_theta(
         nuisance,
         about,
         lift=nuisance["lift"].value,
-        time_step=options.time_step,
+        time_step=step,
         draws=kept_draws(coordinates, found.posterior, scene, mass),
         acts_as=scene.acts_as,
     )

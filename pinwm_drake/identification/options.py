@@ -34,7 +34,7 @@ class IdentifyOptions:
         coarse_size, fine_size: Longer side of the object in the pictures, px.
         coarse_frames, fine_frames: Frames of each push that the stages look at, evenly spaced.
         facets: Whether the object touches as its mesh, also where that is nearly round.
-        time_step: Time step of the physics, s.
+        time_step: Time step of the physics, s; None for that of the fastest push, see `time_step.time_step_of`.
         num_threads: Threads; None for one on each core.
         checkpoint_every: Steps between two checkpoints.
     """
@@ -49,16 +49,16 @@ class IdentifyOptions:
         bool, option("Let the object touch as its mesh, also where that is nearly round.", group=ADVANCED)
     ] = False
     time_step: Annotated[
-        float,
+        float | None,
         option(
-            "Time step of the physics; rolling objects need 0.001 s.",
+            "Time step of the physics, which the twin keeps.",
             group=ADVANCED,
             unit="s",
             ge=1e-5,
             le=0.05,
-            default="1/240",
+            default="1/240, or less where the pusher moves by over 5 mm in it",
         ),
-    ] = 1.0 / 240.0
+    ] = None
     starts: Annotated[int, option("Number of random starts of the optimiser.", group=BUDGET, ge=1, le=1000)] = 4
     num_threads: Annotated[
         int | None, option("Number of threads.", "--threads", group=BUDGET, ge=1, default="one a core")

@@ -18,6 +18,8 @@ _HANDY = {
     "rad": (180.0 / math.pi, "°"),
     "kg m^2": (1e4, "kg cm²"),
 }
+# Loss above which images are explained badly; pushes of a T-block have 0.001, rolls of a mug with poor physics 0.02.
+_UNEXPLAINED = 0.01
 _MOST, _USUAL = 5, 3  # significant digits: the most that are shown, and those of a number without an interval
 
 
@@ -67,3 +69,14 @@ def _end(value: float) -> str:
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
     return f"{value:.{_USUAL}g}"
+
+
+def doubt_words(loss: float) -> str:
+    """Say that images are explained badly, and what to do; "" where they are not."""
+    if not loss > _UNEXPLAINED:
+        return ""
+    return (
+        f"the images are explained badly (loss {loss:.4f}; twins that predict well have 0.001 to 0.003): parameters "
+        "may be farther off than their intervals say; look where the pictures differ (pinwm report), check mesh, "
+        "camera and clock (pinwm capture check), and try another --seed, another push, or half the --time-step"
+    )

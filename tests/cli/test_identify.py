@@ -7,11 +7,11 @@ import pytest
 
 from pinwm_drake import documents
 from pinwm_drake.capture.episode_tables import read_pose_table
-from pinwm_drake.cli.identify import _doubt
 from pinwm_drake.identification.history import read_history
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
 from pinwm_drake.twin.read import load_twin
+from pinwm_drake.twin.words import doubt_words
 from tests.identification.samples import FRAMES, TRUTH, write_appearance, write_capture
 
 
@@ -55,9 +55,9 @@ def test_a_capture_becomes_a_twin(pinwm, capture, twin):
 
 
 def test_images_that_are_explained_badly_are_told():
-    assert _doubt(0.0021) == ""
-    assert _doubt(0.0195).startswith("warning: the images are explained badly (loss 0.0195")
-    assert _doubt(0.0195).endswith("--time-step 0.001")
+    assert doubt_words(0.0021) == doubt_words(float("nan")) == ""
+    assert doubt_words(0.0195).startswith("the images are explained badly (loss 0.0195")
+    assert doubt_words(0.0195).endswith("--time-step")
 
 
 @pytest.mark.nightly

@@ -67,13 +67,15 @@ def _nearest(model, bodies, sweep, A, B):
 def gap_after(model, bodies, solver, sweep, above):
     """Smallest gap after the step, by the velocities found, m; NEAR where nothing is nearer.
 
-    It is that of all pairs, or, where `above` is False, of those with the floor.
+    It is that of all pairs, or, where `above` is False, of those with the floor. Floor points that do not come and go
+    are all among the contacts.
     """
     move(model, bodies, solver, sweep, bodies.time_step[0])
     least = NEAR
     for A in range(model.num_bodies):
         for B in range(A + 1 if above else model.num_bodies + 1, model.num_bodies + 2):
-            if model.pair_index[A, B] >= 0:
+            on_floor = model.num_bodies + 1 == B
+            if model.pair_index[A, B] >= 0 and (not on_floor or model.floor_changes[A]):
                 least = min(least, _nearest(model, bodies, sweep, A, B))
     return least
 

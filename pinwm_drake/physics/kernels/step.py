@@ -30,7 +30,7 @@ from pinwm_drake.physics.kernels.solve import solve_contacts
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
 # What is deeper than this at a step's end, m, and was not before, is stepped in halves; the shortest, of a step.
-DEEP, SHORTEST = 5e-6, 1.0 / 16.0
+DEEP, SHORTEST = 5e-6, 1.0 / 64.0
 # Error of a contact's velocity above which a step is taken in halves, m/s: what turns fast about an edge.
 BENT = 3e-4
 # Times of impact in a step.

@@ -19,6 +19,7 @@ from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, Shot, draw_s
 from pinwm_drake.report.twin.data import Story
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.twin.twin import Twin
+from pinwm_drake.twin.words import doubt_words
 
 _PANEL, _MOST_SHOTS, _STRIPS = 360, 64, 6  # px and frames of the player, frames of the strips
 
@@ -102,6 +103,8 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
     lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
     if history is not None and (words := _starts_words(history)):
         lines.append(words)
+    if doubt := doubt_words(float(twin.provenance.get("loss", 0.0))):
+        lines.append(f"{doubt[0].upper()}{doubt[1:]}.")
     return Verdict(status, headline, lines)
 
 

@@ -21,7 +21,7 @@ from pinwm_drake.capture.episodes import Episode, ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.time_step import LONGEST
 from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.learning.options import Options
 from pinwm_drake.paper.baselines.planar.body import PlanarBody
@@ -310,5 +310,5 @@ def planar_twin(
             "method": "2d-physics",
         },
         lift=0.0,
-        time_step=IdentifyOptions().time_step,
+        time_step=LONGEST,
     )
