@@ -227,8 +227,8 @@ def test_names_with_special_characters_are_escaped():
 
 
 def test_shipped_files_are_up_to_date():
-    # Numbers to nine digits: what other processors make of a sum is no reason to fail. Spheres of point contact come from
-    # an iterative solver; scipy 1.15 and 1.17 differ by 7e-8 m.
+    # Numbers to nine digits: what other processors make of a sum is no reason to fail. Spheres of point contact
+    # come from an iterative solver; scipy 1.15 and 1.17 differ by 7e-8 m.
     for path, text in texts().items():
         shipped = path.read_text()
         message = f"run python -m pinwm_drake.systems.sdf.shipped: {path}"
