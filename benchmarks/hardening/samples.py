@@ -197,7 +197,6 @@ def _train(folder: Path) -> None:
 
 def _read_train(folder: Path) -> object:
     rounds = Rounds(StageRun(folder, "student", about=_ABOUT, resume=True), 5)
-    rounds.logger.close()
     if rounds.number:
         unpack(rounds.arrays, *_train_parts())
     return rounds.number, rounds.arrays

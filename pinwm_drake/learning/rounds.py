@@ -12,6 +12,7 @@ import json
 import math
 import random
 import time
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.logger import configure
+from stable_baselines3.common.logger import KVWriter, configure
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
@@ -173,6 +174,8 @@ class Rounds:
         self._weights = {name.removeprefix(_BEST): self.arrays.pop(name) for name in best}
         self.total, self._resume, self._pace = total, run.resume, Pace()
         self.logger = configure(str(self.folder / "tensorboard"), ["tensorboard"])
+        # Its file and thread end with the logger, even where the training ends by an exception.
+        weakref.finalize(self.logger, _close, self.logger.output_formats)
         self._begun = time.monotonic() - self.seconds
         self._kept = time.monotonic()
         self.tell()
@@ -365,6 +368,11 @@ class Rounds:
             rest = rest if math.isnan(first) else max(rest, first)
         left = rest if math.isnan(left) else min(left, rest)
         return max(done, min(seconds / max(seconds + left, 1e-9), _NEARLY)), left
+
+
+def _close(formats: list[KVWriter]) -> None:
+    for one in formats:
+        one.close()
 
 
 _STATE = Path("state of a generator")  # in messages

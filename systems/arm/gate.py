@@ -18,7 +18,7 @@ from pinwm_drake.systems.engines.lcm.hearing import DRIVER_FAULTS, LATCHED, LIVE
 from pinwm_drake.systems.engines.lcm.messages import Mailbox, Tally
 from pinwm_drake.systems.engines.lcm.seal import Seal
 from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES
-from pinwm_drake.systems.ports import Immutable, declare_vector
+from pinwm_drake.systems.ports import Immutable, declare_vector, unowned
 from pinwm_drake.systems.scenario.schema import LcmLink
 
 SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST = 1, 2, 3, 4, 5  # of DRIVER_FAULTS
@@ -124,7 +124,7 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self._link, self._max_speed, self._tally, self._signed = link, max_speed, tally, seal is not None
         self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm, tally, seal)
         self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, unowned(self, self._Update))
         held = {self.abstract_state_ticket(self._gate)}
         declare_vector(self, "pusher_velocity_W", 3, lambda context: self._get(context).velocity, held)
         declare_vector(self, "command_time", 1, lambda context: [max(self._get(context).heard, -1.0)], held)

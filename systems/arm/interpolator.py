@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from pinwm_drake.control.velocity_limiter import VelocityLimiter
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import SafetyLimits
-from pinwm_drake.systems.ports import declare_vector
+from pinwm_drake.systems.ports import declare_vector, unowned
 from pinwm_drake.systems.sampling import require_positive
 
 RATE = 200.0  # Hz
@@ -56,9 +56,9 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         self._stamp = self.DeclareVectorInputPort("command_time", 1)
         self._measured = self.DeclareVectorInputPort("pusher_state", 6)
         self._held = self.DeclareDiscreteState(BasicVector(_at_rest(np.zeros(3), 0.0)))
-        self.DeclareInitializationDiscreteUpdateEvent(self._Begin)
+        self.DeclareInitializationDiscreteUpdateEvent(unowned(self, self._Begin))
         # A discrete update sees the command of a controller that acts, by an unrestricted one, at the same instant.
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Update)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, unowned(self, self._Update))
         held = {self.xd_ticket()}
         declare_vector(self, "desired_state", 6, lambda context: self._state(context)[:6], held)
         declare_vector(self, "live", 1, lambda context: self._state(context)[_LIVE:], held)

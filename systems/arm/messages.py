@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pydrake.systems.sensors import ImageRgba8U
 
 from pinwm_drake.systems.engines.lcm.seal import Seal
+from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
 
@@ -48,8 +49,8 @@ class ImageSender(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self._late = max(round(latency / link.period), 1)
         self._first = (self._pause - 2 - self._late) % self._pause
         # Where both are due, Drake sends first.
-        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
-        self.DeclarePeriodicPublishEvent(link.period, 0.0, self._Send)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, unowned(self, self._Update))
+        self.DeclarePeriodicPublishEvent(link.period, 0.0, unowned(self, self._Send))
 
     def _Update(self, context: Context, state: State) -> EventStatus:
         kept, number = self._pictures(context), period_index(context.get_time(), self._period)

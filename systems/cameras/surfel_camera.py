@@ -19,7 +19,7 @@ from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL
 from pinwm_drake.systems.cameras.surfel_images import cut_out
-from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector
+from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector, unowned
 
 _NEAR = 1e-3  # m, of the mesh
 _TOO_CLOSE = 0.0  # as in RgbdSensor's depth images; too far is infinite
@@ -96,7 +96,7 @@ class SurfelCamera(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
             self, "depth_image_32f", size, lambda context: self._depth(context)[..., None], shown, ImageDepth32F
         )
         self.DeclareAbstractOutputPort(
-            "depth_image_16u", lambda: AbstractValue.Make(ImageDepth16U(*size)), self._CalcDepth16, shown
+            "depth_image_16u", lambda: AbstractValue.Make(ImageDepth16U(*size)), unowned(self, self._CalcDepth16), shown
         )
         declare_image(self, "label_image", size, self._labels, shown, ImageLabel16I)
         pose = {self._pose.ticket()}

@@ -13,7 +13,7 @@ from pinwm_drake.control.pilot import Acting, ControlStatus, Inputs, Memory, Pil
 from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.envs.policy_scene import check_scene
-from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector
+from pinwm_drake.systems.ports import Immutable, declare_value, declare_vector, unowned
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.station.station import SceneStation
 
@@ -92,7 +92,7 @@ class PolicyController(LeafSystem):  # type: ignore[misc]  # pydrake has no usab
         declare_value(self, "status", ControlStatus(), lambda mine: get(mine).memory.status, held)
         declare_vector(self, "command_time", 1, lambda mine: [get(mine).memory.command_time], held)
         declare_vector(self, "session", 1, lambda mine: [get(mine).session], held)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, unowned(self, self._Update))
 
     def Arm(self, context: Context) -> None:
         """Let the policy move the pusher, from the next action on, in a session of its own.

@@ -22,6 +22,7 @@ from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_setup
+from pinwm_drake.systems.ports import free_with
 from pinwm_drake.systems.scenario.load import Scene
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
@@ -127,7 +128,9 @@ class ControlLoop:
                 recording=recording,
                 look=self.driver is None,
             )
-        self.simulator = Simulator(builder.Build())
+        diagram = builder.Build()
+        free_with(self, diagram)
+        self.simulator = Simulator(diagram)
         self._robot = engine == "lcm" and self.driver is None
         if self._robot:
             self.simulator.set_target_realtime_rate(1.0)  # a robot's time is not ours to choose

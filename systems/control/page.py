@@ -17,6 +17,7 @@ from pinwm_drake.report.notice import FAINT, INK, draw_notice
 from pinwm_drake.report.outline import boundary, silhouette
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.systems.control.controller import PolicyController
+from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.view.board import FIELD_OF_VIEW, Board
 from pinwm_drake.systems.view.scene import PREFIX
@@ -97,8 +98,8 @@ class ControlPanel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._rgb = self.DeclareAbstractInputPort("rgb", AbstractValue.Make(ImageRgba8U(*size)))
         self._object = self.DeclareVectorInputPort("object_state", 13)
         self._pusher = self.DeclareVectorInputPort("pusher_state", 6)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
-        self.DeclareForcedPublishEvent(self._PublishAll)
+        self.DeclarePeriodicPublishEvent(period, 0.0, unowned(self, self._Publish))
+        self.DeclareForcedPublishEvent(unowned(self, self._PublishAll))
 
     def _PublishAll(self, context: Context) -> EventStatus:
         self._due = -math.inf

@@ -13,6 +13,7 @@ from pinwm_drake.errors import SolverError
 from pinwm_drake.systems.engines.twin.domains import SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.envs.options import longest_translation
+from pinwm_drake.systems.ports import free_with
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import make_station
@@ -43,6 +44,7 @@ class StationRun:
         self.station = make_station(setup, engine, command="translation")
         self.world_model = self.station.world
         self._simulator = Simulator(self.station)
+        free_with(self, self.station)
         self._context = self._simulator.get_mutable_context()
         groups = range(self._context.num_discrete_state_groups())
         self._begin = [self._context.get_discrete_state(group).value().copy() for group in groups]

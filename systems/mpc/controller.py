@@ -7,6 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Even
 
 from pinwm_drake.systems.mpc.planner import Plan
 from pinwm_drake.systems.mpc.policy import make_planner
+from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.station.station import SceneStation
@@ -58,7 +59,7 @@ class PushMpc(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
         self._plan = self.DeclareAbstractState(Value[object](None))
         self.DeclareStateOutputPort("pusher_velocity_W", self._velocity)
         self.DeclareStateOutputPort("plan", self._plan)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Plan)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, unowned(self, self._Plan))
 
     def plan(self, context: Context) -> Plan | None:
         """Return the last plan, None before the first; the context is of this system, or of a diagram around it."""

@@ -4,7 +4,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from pinwm_drake.systems.ports import declare_vector
+from pinwm_drake.systems.ports import declare_vector, unowned
 from pinwm_drake.systems.sampling import period_index
 
 _P, _V, _INDEX = slice(0, 3), slice(3, 6), 6
@@ -36,7 +36,7 @@ class PusherDrive(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         self._period, self._time_step = period, time_step
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3)
         self._held = self.DeclareDiscreteState(BasicVector(_at_rest(p_WP)))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._Sample)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, unowned(self, self._Sample))
         sources = {self.time_ticket(), self.xd_ticket(), self._velocity.ticket()}
         declare_vector(self, "desired_state", 6, self._CalcDesiredState, sources)
 

@@ -4,6 +4,7 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, EventStatus, LeafSystem, State
 
+from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.pusher.limits import shortened
 from pinwm_drake.systems.sampling import period_index, require_positive, whole_multiple
 
@@ -44,7 +45,7 @@ class PusherTranslation(LeafSystem):  # type: ignore[misc]  # pydrake has no usa
         self._translation = self.DeclareVectorInputPort("pusher_translation_W", 3 * num_worlds)
         self._held = self.DeclareDiscreteState(BasicVector(np.zeros(3 * num_worlds)))
         self.DeclareStateOutputPort("pusher_velocity_W", self._held)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, self._Sample)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(self._period, 0.0, unowned(self, self._Sample))
 
     def _Sample(self, context: Context, state: State) -> EventStatus:
         if period_index(context.get_time(), self._period) % self._periods:

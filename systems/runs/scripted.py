@@ -9,6 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.systems.ports import free_with
 from pinwm_drake.systems.pusher.motion import ScriptedPush, StraightPush, TrajectoryReplay
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import SceneStation
@@ -43,6 +44,7 @@ class ScriptedStation:
         extend(builder)
         self.diagram, self.station, self.script = builder.Build(), station, script
         self.simulator, self.wall_time = Simulator(self.diagram), 0.0
+        free_with(self, self.diagram)
 
     def begin(self, place: Place, push: StraightPush | None = None) -> None:
         """Put everything into place, at rest, at time 0.

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
+from pinwm_drake.systems.ports import unowned
 
 LENGTH_PER_FORCE = 0.01  # m/N
 _PAIRS = {FLOOR_PAIR: ("floor", Rgba(0.10, 0.55, 0.25)), PUSHER_PAIR: ("pusher", Rgba(0.80, 0.15, 0.10))}
@@ -45,8 +46,8 @@ class MeshcatForces(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
             total = _Arrow(meshcat, f"{path}/{name}/sum", _SUM_RADIUS, colour)
             each = [_Arrow(meshcat, f"{path}/{name}/{k}", _RADIUS, colour) for k in range(_MOST)]
             self._arrows[pair] = (total, each)
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
-        self.DeclareForcedPublishEvent(self._Publish)
+        self.DeclarePeriodicPublishEvent(period, 0.0, unowned(self, self._Publish))
+        self.DeclareForcedPublishEvent(unowned(self, self._Publish))
 
     def _Publish(self, context: Context) -> EventStatus:
         forces: ContactForces = self._forces.Eval(context)

@@ -9,6 +9,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfels.mesh import SurfelMesh
+from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.view.sheets import show_sheets
 
 
@@ -34,8 +35,8 @@ class MeshcatSurfels(LeafSystem):  # type: ignore[misc]  # pydrake has no usable
         self._meshcat, self._path = meshcat, path
         self._state = self.DeclareVectorInputPort("object_state", 13 * num_worlds)
         show_sheets(meshcat, path, SurfelMesh.from_surfels(surfels).sheets())
-        self.DeclarePeriodicPublishEvent(period, 0.0, self._Publish)
-        self.DeclareForcedPublishEvent(self._Publish)
+        self.DeclarePeriodicPublishEvent(period, 0.0, unowned(self, self._Publish))
+        self.DeclareForcedPublishEvent(unowned(self, self._Publish))
 
     def _Publish(self, context: Context) -> EventStatus:
         q_WO, p_WO = np.split(self._state.Eval(context)[:7], [4])

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: MIT
+import gc
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +36,15 @@ def test_the_best_round_is_the_shortest_that_had_a_success(tmp_path, results, be
     again = Rounds(StageRun(tmp_path, "stage", resume=True), len(results))
     assert again.best.number == best
     assert np.array_equal(again.best_weights()["weight"], rounds.best_weights()["weight"])
+
+
+def test_the_thread_of_the_logger_ends_with_the_stage(tmp_path):
+    before = threading.active_count()
+    rounds = ended(tmp_path, (0.5, 20.0))
+    assert threading.active_count() > before
+    del rounds
+    gc.collect()
+    assert threading.active_count() == before
 
 
 def test_the_time_that_is_left_is_that_of_the_budget_and_is_told_anew(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 from pinwm_drake.systems.engines.lcm.hearing import Hearing, hear_image, hear_session, hear_state, link_fault
 from pinwm_drake.systems.engines.lcm.messages import Mailbox, Tally
 from pinwm_drake.systems.engines.lcm.seal import Seal
-from pinwm_drake.systems.ports import Immutable, declare_image, declare_value, declare_vector
+from pinwm_drake.systems.ports import Immutable, declare_image, declare_value, declare_vector, unowned
 from pinwm_drake.systems.scenario.schema import MEMORY, LcmLink
 
 _MICRO = 1e-6  # s
@@ -76,7 +76,7 @@ class RobotReceiver(LeafSystem):  # type: ignore[misc]  # pydrake has no usable 
         self._images = Mailbox(link.image_channel, lcmt_image_array, lcm, tally, seal, most=most, waiting=_IMAGES)
         self._session = self.DeclareVectorInputPort("session", 1)
         self._known = self.DeclareAbstractState(AbstractValue.Make(_Known(Hearing(), self._white, "")))
-        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, self._Update)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(link.period, 0.0, unowned(self, self._Update))
         known = {self.abstract_state_ticket(self._known)}
         get, size = self._get, (width, height)
         declare_vector(self, "pusher_state", 6, self._CalcPusherState)

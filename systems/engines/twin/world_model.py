@@ -17,7 +17,7 @@ from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.systems.cameras.surfel_images import WorldImages
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
-from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector
+from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector, unowned
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
@@ -73,7 +73,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
         self._pusher = self.DeclareDiscreteState(np.tile([*place.p_WP, 0.0, 0.0, 0.0], W))
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * W)
-        self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, self._Update)
+        self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, unowned(self, self._Update))
         x, theta = self.xd_ticket(), self.all_parameters_ticket()
         self._checked = declare_cache(self, "theta", self._CalcTheta, {theta})
         one, every = (

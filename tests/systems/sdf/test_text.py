@@ -227,10 +227,12 @@ def test_names_with_special_characters_are_escaped():
 
 
 def test_shipped_files_are_up_to_date():
-    # Numbers to nine digits: what other processors make of a sum is no reason to fail.
+    # Numbers to nine digits: what other processors make of a sum is no reason to fail. Spheres of point contact
+    # come from an iterative solver; scipy 1.15 and 1.17 differ by 7e-8 m.
     for path, text in texts().items():
         shipped = path.read_text()
         message = f"run python -m pinwm_drake.systems.sdf.shipped: {path}"
         assert NUMBER.sub("#", shipped) == NUMBER.sub("#", text), message
         numbers = [np.array([float(x) for x in NUMBER.findall(each)]) for each in (shipped, text)]
-        np.testing.assert_allclose(*numbers, rtol=1e-8, atol=2e-9, err_msg=message)
+        atol = 2e-7 if path.stem.endswith("_point") else 2e-9
+        np.testing.assert_allclose(*numbers, rtol=1e-8, atol=atol, err_msg=message)
