@@ -9,6 +9,7 @@ calibration tells, 95 %.
 """
 
 import argparse
+import datetime
 import json
 import tempfile
 import time
@@ -147,8 +148,14 @@ def main() -> None:
     cases = measure(given.seeds, given.case)
     print(table(cases))
     if given.write:
-        command = f"python -m benchmarks.calibration --seeds {given.seeds}"
-        RESULT.write_text(json.dumps({"command": command, "machine": machine(), "cases": cases}, indent=1) + "\n")
+        # Cases that were not run stay as they are.
+        stored = json.loads(RESULT.read_text()) if RESULT.exists() else {"cases": {}}
+        about = {"command": f"python -m benchmarks.calibration --seeds {given.seeds}", "machine": machine()}
+        found = {
+            name: {**about, "date": datetime.date.today().isoformat(), "seeds": rows} for name, rows in cases.items()
+        }
+        stored["cases"] |= found
+        RESULT.write_text(json.dumps(stored, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -182,6 +182,7 @@ class RenderedLab:
             )
             rows.append((name, X_BE @ error))
             self.grippers.append(X_BE)
+        self.shown = {name: X_CM for name, X_CM, _ in photos}  # true poses of the board in the camera
         for name, X_CM, X_photo in photos:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(folder / name), self.draw(X_CM, X_photo), [cv2.IMWRITE_JPEG_QUALITY, 92])

@@ -22,6 +22,7 @@ _PAPERS = {"A4": (0.297, 0.21), "A3": (0.42, 0.297), "A2": (0.594, 0.42), "A1": 
 _EDGE, _BELOW = 0.01, 0.012  # m, that a printer leaves white, and that the ruler takes
 _DPI = 600
 _INCH = 0.0254  # m
+_SMALL = 2_500_000  # pixels of an image that is looked at in twice its size too
 _WINDOW = 0.2  # of a square's side in the photo: half the side of the window in which a corner is refined
 
 
@@ -172,18 +173,30 @@ class Detector:
         self._board = board
         about = cv2.aruco.DetectorParameters()
         about.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        about.perspectiveRemovePixelPerCell = 8
         self._detector = cv2.aruco.CharucoDetector(board.opencv(), cv2.aruco.CharucoParameters(), about)
 
     def find(self, grey: np.ndarray) -> Seen | None:
         """Corners in a photo (height, width) uint8; None where there are fewer than 8, or all on one line."""
-        corners, numbers, _, _ = self._detector.detectBoard(grey)
-        if numbers is None or len(numbers) < FEWEST_CORNERS:
+        numbers, corners = self._detect(grey)
+        if len(numbers) < len(self._board.corners_M) and grey.size <= _SMALL:
+            # Markers of a few pixels a cell are read more often in an image of twice the size.
+            more, twice = self._detect(cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC))
+            if len(more) > len(numbers):
+                numbers, corners = more, 0.5 * (twice + 0.5) - 0.5
+        if len(numbers) < FEWEST_CORNERS:
             return None
-        numbers, corners = numbers.ravel(), corners.reshape(-1, 2)
         places = self._board.corners_M[numbers][:, :2]
         if np.linalg.matrix_rank(places - places[0], tol=0.5 * self._board.square) < 2:
             return None
         return Seen(numbers, self._refined(grey, numbers, corners))
+
+    def _detect(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers (n,) and corners (n, 2) in OpenCV's pixels."""
+        corners, numbers, _, _ = self._detector.detectBoard(grey)
+        if numbers is None:
+            return np.zeros(0, int), np.zeros((0, 2))
+        return np.ravel(numbers), np.reshape(corners, (-1, 2))
 
     def is_mirrored(self, grey: np.ndarray) -> bool:
         """Flag: a photo shows the board in a mirror only."""

@@ -27,6 +27,7 @@ ALL = tuple(range(6))  # v_x, v_y, v_z, w_x, w_y, w_z
 _CENTRE = 0.05
 _DISTORTION = {"opencv": (1.0, 2.0, 0.05, 0.05, 2.0), "fisheye": (0.5, 0.5, 0.5, 0.5)}
 _CORNER_SCALE, _ROBOT_SCALE = 3.0, 4.0  # standard deviations, where the robust weight is one half
+_ALIKE = 20.0  # weight, in residuals, of all photos in the noise of one
 _STEPS, _SMALL = 50, 1e-8  # steps of an adjustment, and the relative change of the loss that ends it
 _MOST_DAMPING = 1e8
 
@@ -88,6 +89,7 @@ class Photo:
         pixels: (n, 2) px, where they were found.
         chain: Factors of X_CM.
         kept: (n,) bool: corners that are no outliers.
+        blur: Noise of its corners, relative to that of all photos: more in small, oblique or blurred boards.
     """
 
     name: str
@@ -95,6 +97,7 @@ class Photo:
     pixels: np.ndarray
     chain: tuple[Link, ...]
     kept: np.ndarray = field(default_factory=lambda: np.ones(0, bool))
+    blur: float = 1.0
 
     def __post_init__(self) -> None:
         self.kept = np.ones(len(self.p_M), bool)
@@ -228,8 +231,8 @@ class Bundle:
                 J[:, :, link.block.columns] += by_point @ motions
             R = R @ X[:3, :3]
         J[:, :, self.num_lens] = (by_point @ (p_M @ R.T)[..., None])[..., 0]
-        r = (pixels - photo.pixels[photo.kept]) / self.noise.pixel
-        return r.ravel(), J.reshape(-1, self.size) / self.noise.pixel
+        spread = photo.blur * self.noise.pixel
+        return (pixels - photo.pixels[photo.kept]).ravel() / spread, J.reshape(-1, self.size) / spread
 
     def _told(self, block: Block, robust: bool) -> list[tuple[np.ndarray, np.ndarray, int, int]]:
         """Rows of a pose that the robot told, weighted together."""
@@ -310,7 +313,10 @@ class Bundle:
         return half.T @ half
 
     def estimate_noise(self) -> np.ndarray:
-        """Estimate the three noises once, by their variance components; returns their relative changes (3,)."""
+        """Estimate the three noises once, by their variance components; returns their relative changes (3,).
+
+        The blur of each photo is estimated too, with a weight of its own for the noise of all.
+        """
         system = self.system()
         share = ((system.J @ self.covariance(system)) * system.J).sum(1)
         values = self.noise.values()
@@ -319,6 +325,10 @@ class Bundle:
             redundancy = rows.sum() - share[rows].sum()
             if redundancy > 1.0:
                 values[group] *= np.sqrt(float(system.r[rows] @ system.r[rows]) / redundancy)
+        for number, photo in enumerate(self.photos):
+            rows = system.photo == number
+            square, redundancy = float(system.r[rows] @ system.r[rows]), float(rows.sum() - share[rows].sum())
+            photo.blur = float(np.sqrt((photo.blur**2 * square + _ALIKE) / (max(redundancy, 0.0) + _ALIKE)))
         before, values = self.noise.values(), np.maximum(values, _LEAST)
         self.noise = Noise(*values)
         return np.abs(values / before - 1.0)

@@ -137,6 +137,7 @@ class LabDocument(Document):
     schema_version: int = schema_version(SCHEMA_VERSION)
     name: Text | None = None
     ruler: Annotated[float, finite(0.8 * RULER, 1.2 * RULER)]
+    reading: Annotated[float, finite(1e-5, 5e-3)] = 2e-4  # largest error of the ruler's reading
     board: _Board = _Board()
     lens: LensModel = "opencv"
     mount: Mount = "fixed"
@@ -147,6 +148,11 @@ class LabDocument(Document):
     latency: LatencyDocument = LatencyDocument()
     tool: ToolDocument = ToolDocument()
     start: StartDocument | None = None
+
+    @property
+    def scale_noise(self) -> float:
+        """Standard deviation of the board's scale by the ruler: of errors that are equally likely up to `reading`."""
+        return self.reading / math.sqrt(3.0) / self.ruler
 
     def printed_board(self) -> Board:
         """Board with the sides that it was printed with, by the ruler's reading.

@@ -10,11 +10,10 @@ from pinwm_drake.capture.lens import Lens
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.station.board import Board, Seen
 from pinwm_drake.station.bundle import Block, Bundle, Link, Noise, Photo
-from pinwm_drake.station.lab import LENS, ROBOT, TABLE, LabPhoto, Mount
+from pinwm_drake.station.lab import LENS, ROBOT, TABLE, LabDocument, LabPhoto, Mount
 from pinwm_drake.station.rigid import inverse, rigid
 from pinwm_drake.station.start import fit_lens, guess_camera, guess_lens, guess_noise, locate, require_turns
 
-READING = 0.003  # standard deviation of the ruler's reading, as a share: 0.3 mm of 100 mm
 FEWEST_ROBOT = 6  # photos with the robot's poses
 _FAR_CORNER, _FAR_POSE = 6.0, 5.0  # standard deviations on one axis, from which on one is left out
 _ROUNDS, _STEADY = 8, 0.01  # rounds of the noises' estimate, and relative change that ends them
@@ -67,8 +66,7 @@ def solve(
     sightings: Sequence[Sighting],
     board: Board,
     lens: Lens,
-    mount: Mount,
-    thickness: float = 0.0,
+    about: LabDocument,
     split: int | None = None,
 ) -> Solution:
     """Solve for all unknowns at once, and leave outliers out.
@@ -77,14 +75,14 @@ def solve(
         sightings: Photos with their corners.
         board: The board as printed.
         lens: Lens by all photos, as `first_lens` gives it.
-        mount: "fixed" with the board on the gripper, or "hand".
-        thickness: Height of the board's face above the table, m.
+        about: What the lab says of its camera and board.
         split: Number, among the photos of the robot, of the one from which on the camera has another pose; None for
             none.
 
     Raises:
         ParameterError: There are too few photos, they leave something open, or robot and photos do not go together.
     """
+    mount = about.mount
     robot = [(one, one.photo.X_BE) for one in sightings if one.photo.kind == ROBOT and one.photo.X_BE is not None]
     if len(robot) < FEWEST_ROBOT:
         found = f"the board in {len(robot)} photos with poses of the robot"
@@ -102,7 +100,7 @@ def solve(
     table, camera = _table(lying), Block(X_camera)
     later = None if split is None else Block(X_camera.copy())
     moved = {one.photo.name for one, _ in robot[split:]} if split is not None else set[str]()
-    raised = rigid([0.0, 0.0, thickness]) @ _FACE_DOWN
+    raised = rigid([0.0, 0.0, about.board.thickness]) @ _FACE_DOWN
     gripped = Block(X_board)
     standing = (Link(table), Link(_place(table, X_board, raised)), Link(None, raised))
     photos: list[Photo] = []
@@ -132,7 +130,7 @@ def solve(
             )
             chain = (Link(own, inverted=True), gripper, Link(table), Link(place), Link(None, raised))
         photos.append(Photo(name, corners[one.seen.numbers], one.seen.pixels, chain))
-    bundle = Bundle(lens, photos, Noise(0.2), READING)
+    bundle = Bundle(lens, photos, Noise(0.2), about.scale_noise)
     bundle.noise = _first_noise(bundle)
     left_out = _estimate(bundle)
     X_BM = standing[0].X @ standing[1].X @ raised if mount == "hand" else None
@@ -223,7 +221,7 @@ def _leave_out(bundle: Bundle) -> bool:
     """Leave out corners and told poses that are far off, and take the others in; returns whether any changed."""
     changed = False
     for photo in bundle.photos:
-        near = np.linalg.norm(bundle.pixel_errors(photo), axis=1) <= _FAR_CORNER * bundle.noise.pixel
+        near = np.linalg.norm(bundle.pixel_errors(photo), axis=1) <= _FAR_CORNER * photo.blur * bundle.noise.pixel
         changed |= bool((near != photo.kept).any())
         photo.kept = near
     for block in bundle.told:
