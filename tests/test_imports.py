@@ -21,6 +21,7 @@ LINES = (
     {"physics"},
     {"rendering"},
     {"capture"},
+    {"station"},
     {"scene"},
     {"twin"},
     {"cousins"},

@@ -35,7 +35,7 @@ def read_image(
         InputError: A file is missing, truncated or of another kind, the mask has another size, no pixel shows
             the object, or nothing tells the object from its background for sure.
     """
-    pixels = _read(path, "RGBA")
+    pixels = read_pixels(path)
     if mask_path is not None:
         mask = _read_mask(mask_path)
         if mask.shape != pixels.shape[:2]:
@@ -61,6 +61,11 @@ def read_size(path: Path) -> tuple[int, int]:
     """
     pixels = _read(path, "L")
     return pixels.shape[1], pixels.shape[0]
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """Pixels (height, width, 4) uint8 of a picture, sRGB and alpha; errors as for `read_image`."""
+    return _read(path, "RGBA")
 
 
 def _read_mask(path: Path) -> np.ndarray:

@@ -77,6 +77,7 @@ class Capture:
         floor_height: m, z of the floor in the world.
         gravity: m/s^2, downwards, along -z of the world.
         episode_names: The folders in `episodes`, sorted.
+        station: SHA-256 of the `station.yaml` that it was recorded with; None where it names none.
     """
 
     folder: Path
@@ -85,6 +86,7 @@ class Capture:
     floor_height: float
     gravity: float
     episode_names: list[str]
+    station: str | None = None
 
 
 def _unit(q: tuple[float, ...]) -> tuple[float, ...]:
@@ -175,6 +177,7 @@ class CaptureDocument(HeadDocument, extra="forbid"):
     object: ObjectDocument
     pusher: PusherDocument
     floor: FloorDocument
+    station: Annotated[str, in_words("64 hexadecimal digits, SHA-256", pattern="^[0-9a-f]{64}$")] | None = None
 
 
 def read_capture_object(folder: Path) -> CaptureObject:
@@ -200,7 +203,7 @@ def load_capture(capture: str | Path) -> Capture:
     document = entry.read(CaptureDocument)
     about, names = _object(folder, document.object), episode_names(folder)
     pusher = pusher_geometry(entry["pusher"], document.pusher, required=bool(names))
-    return Capture(folder, about, pusher, document.floor.height, document.gravity, names)
+    return Capture(folder, about, pusher, document.floor.height, document.gravity, names, document.station)
 
 
 def _object(folder: Path, about: ObjectDocument) -> CaptureObject:

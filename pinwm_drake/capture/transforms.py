@@ -26,6 +26,7 @@ from pinwm_drake.spatial.rotations import matrix_to_quaternion
 _ORTHONORMAL = 1e-4
 MAX_SIZE = 16384  # px, that of Camera
 _MODELS = ("PINHOLE", "OPENCV")
+_LENSES = (*_MODELS, "OPENCV_FISHEYE")
 # Keys that are read, those that may only say that there is nothing to obey, and those without a meaning for the camera.
 _READ = {
     "camera_model", "w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y",
@@ -77,10 +78,11 @@ def read_transforms(path: Path) -> list[Frame]:
     return frames
 
 
-def require_known(entry: Entry) -> None:
+def require_known(entry: Entry, obeyed: frozenset[str] = frozenset()) -> None:
     """Require a file or frame without keys that would change the camera and are not obeyed.
 
-    A key that says how nerfstudio has moved the world causes a warning, as the poses stay as they are.
+    A key that says how nerfstudio has moved the world causes a warning, as the poses stay as they are. Keys of the lens
+    in `obeyed` are left to the caller.
 
     Raises:
         InputError: A key is unknown, or of a camera with distortion, of a fisheye, or of another world.
@@ -89,7 +91,7 @@ def require_known(entry: Entry) -> None:
         raise entry.refusal("a mapping with keys")
     for key in entry.value:
         own = entry[key]
-        if own.value is None or key in _READ or key in _IGNORED:
+        if own.value is None or key in _READ or key in _IGNORED or key in obeyed:
             continue
         if key in _DISTORTIONS:
             _require_all(own, 0.0, "0: undistort the images first")
@@ -123,12 +125,15 @@ def require_different(frames: list[Frame], refuse: Refuse = raise_it) -> None:
             refuse(frame.entry["file_path"].refusal(f"each image once (it is in {other} too)"))
 
 
-def read_frame(document: Entry, frame: Entry, farthest: float = FARTHEST) -> Frame:
+def read_frame(
+    document: Entry, frame: Entry, farthest: float = FARTHEST, obeyed: frozenset[str] = frozenset()
+) -> Frame:
     """One frame; `document` holds what is not in the frame itself.
 
-    Cameras are within `farthest` of the origin, in the file's unit. Raises InputError as `read_transforms` does.
+    Cameras are within `farthest` of the origin, in the file's unit. Keys of the lens in `obeyed` are left to the
+    caller. Raises InputError as `read_transforms` does.
     """
-    require_known(frame)
+    require_known(frame, obeyed)
     file_path = frame["file_path"].text()
     mask_path = frame.find("mask_path")
     folder = frame.path.parent
@@ -137,12 +142,12 @@ def read_frame(document: Entry, frame: Entry, farthest: float = FARTHEST) -> Fra
         file_path=file_path,
         image_path=folder / file_path,
         mask_path=None if mask_path is None else folder / mask_path.text(),
-        camera=read_camera(document, frame),
+        camera=read_camera(document, frame, _LENSES if obeyed else _MODELS),
         X_WC=read_pose(frame["transform_matrix"], farthest),
     )
 
 
-def read_camera(document: Entry, frame: Entry) -> Camera:
+def read_camera(document: Entry, frame: Entry, models: tuple[str, ...] = _MODELS) -> Camera:
     """Size and intrinsics [px], the frame's own before the document's; raises InputError as `read_transforms` does."""
 
     # By `Entry`: a frame's keys stand in for the file's, and the bounds of cx and cy are those of w and h.
@@ -150,8 +155,8 @@ def read_camera(document: Entry, frame: Entry) -> Camera:
         return frame.find(key) or document[key]
 
     model = frame.find("camera_model") or document.find("camera_model")
-    if model is not None and model.text() not in _MODELS:
-        raise model.refusal(" or ".join(_MODELS) + " without distortion")
+    if model is not None and model.text() not in models:
+        raise model.refusal(", ".join(models) if models is _LENSES else " or ".join(models) + " without distortion")
     width, height = (find(key).integer(1, MAX_SIZE) for key in ("w", "h"))
     bounds = {"fl_x": (1e-3, 1e9), "fl_y": (1e-3, 1e9), "cx": (-10.0 * width, 10.0 * width)}
     bounds["cy"] = -10.0 * height, 10.0 * height

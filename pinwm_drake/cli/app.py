@@ -39,6 +39,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "capture": "",
     "align": "pinwm align capture out/align; then: pinwm view out/align",
     "arm": "pinwm arm; then, in another terminal: pinwm control out/bundle --engine lcm --arm",
+    "calibrate": "pinwm calibrate --board board.pdf; then: pinwm calibrate mylab",
     "control": "pinwm control out/bundle --simulate-arm --arm --meshcat",
     "cousins": "pinwm cousins out/twin -o out/cousins --from-intervals",
     "crosscheck": "pinwm crosscheck out/twin --truth capture/ground_truth.yaml -o out/check",

@@ -159,7 +159,7 @@ def nerfstudio(request: NerfstudioRequest) -> None:
 def colmap(request: ColmapRequest) -> None:
     """Import a COLMAP model and its images.
 
-    Its cameras are PINHOLE or SIMPLE_PINHOLE ones.
+    Images of cameras with distortion are undistorted.
     """
     from pinwm_drake.capture.importers.colmap import import_colmap
 

@@ -3,8 +3,9 @@
 
 import dataclasses
 import inspect
+import os
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -13,13 +14,16 @@ import yaml
 from rich.markup import escape
 
 import pinwm_drake
-from pinwm_drake.cli.completion import completer
 from pinwm_drake.errors import InputError
 from pinwm_drake.request import ADVANCED, RequestField, make_request, option_name, request_fields
 from pinwm_drake.validation import bounds, unit_of, words
 
 _Request = TypeVar("_Request")
 _CONFIG = "config"
+# Files that tell a folder's format, for completion.
+_MARKS = {"twin": "twin.yaml", "policy": "policy.yaml", "bundle": "contract.yaml", "capture": "capture.yaml"}
+_DEEPEST = 3  # folders below the one that is typed
+_MOST = 200  # folders that are looked into
 
 
 def add_command(
@@ -217,3 +221,53 @@ def _yaml(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [_yaml(one) for one in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def completer(kind: str, choices: tuple[str, ...]) -> Callable[[str], list[str]]:
+    """Return the function that gives the values of a kind that begin with a text.
+
+    Args:
+        kind: "twin", "scene", "policy", "bundle", "capture", "choice" or "".
+        choices: Values of a choice.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        found = [*choices, *_shipped(kind)]
+        if kind in ("twin", "policy", "bundle", "capture", "scene"):
+            found += _folders(kind, incomplete)
+        return [one for one in found if one.startswith(incomplete)]
+
+    return complete
+
+
+def _shipped(kind: str) -> list[str]:
+    """Names that ship with the package."""
+    from pinwm_drake import models
+
+    if kind in ("policy", "bundle"):
+        return [*models.shipped_policies(), *(["mpc", "random"] if kind == "policy" else [])]
+    return list(models.shipped_scenarios()) if kind in ("scene", "twin") else []
+
+
+def _folders(kind: str, incomplete: str) -> Iterator[str]:
+    """Paths of folders of a format, and of scenario files, that begin with a text."""
+    head = os.path.dirname(incomplete)
+    start, left = Path(head or "."), _MOST
+    marks = {"scene": ("twin.yaml",), "policy": ("policy.yaml", "contract.yaml")}.get(kind, (_MARKS.get(kind, ""),))
+    queue = [(start, 0)]
+    while queue and left:
+        folder, depth = queue.pop(0)
+        left -= 1
+        try:
+            entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+        except OSError:
+            continue
+        for entry in entries:
+            path = Path(folder, entry.name)
+            if kind == "scene" and entry.name.endswith(".scenario.yaml"):
+                yield str(path)
+            if entry.is_dir() and not entry.name.startswith("."):
+                if any((path / mark).is_file() for mark in marks):
+                    yield str(path)
+                elif depth + 1 < _DEEPEST:
+                    queue.append((path, depth + 1))

@@ -15,7 +15,7 @@ MOST_JSON, MOST_YAML = 2**25, 2**19  # bytes; PyYAML takes some 10 s for a megab
 DEEPEST = 64  # levels of lists and mappings in each other
 MOST_VALUES = 1_000_000  # with those that aliases stand for, each time that they do
 # Tag, pattern and first characters of numbers such as 1e-3, which YAML 1.1 takes for text.
-YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+"), list("-+.0123456789")
+YAML_FLOAT = "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types

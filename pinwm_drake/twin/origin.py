@@ -25,17 +25,18 @@ _SIZES = (("q", 4), ("p", 3))
 
 @dataclass(frozen=True)
 class Origin:
-    """Capture, its hash by `hash_capture`, and the names of the episodes that a twin was identified from."""
+    """Capture, its hash by `hash_capture`, and the episodes that a twin was identified from; its station, if known."""
 
     path: Path
     sha256: str
     episodes: tuple[str, ...]
+    station: str | None = None  # SHA-256 of its station.yaml
 
     @staticmethod
     def of(capture: Capture, episodes: Sequence[Episode]) -> "Origin":
         """Return the origin of a twin that is identified now; raises InputError where a file cannot be read."""
         names = tuple(episode.name for episode in episodes)
-        return Origin(capture.folder.resolve(), hash_capture(capture.folder, names), names)
+        return Origin(capture.folder.resolve(), hash_capture(capture.folder, names), names, capture.station)
 
     @staticmethod
     def read(twin: Twin) -> "Origin | None":
@@ -47,12 +48,14 @@ class Origin:
             return None
         if not all(isinstance(value, str) and value for value in (path, sha256, *names)):
             return None
-        return Origin(Path(str(path)), str(sha256), tuple(names))
+        station = twin.provenance.get("station")
+        return Origin(Path(str(path)), str(sha256), tuple(names), station if isinstance(station, str) else None)
 
     def to_provenance(self) -> dict[str, Any]:
         """Return the entries of a twin's provenance that `read` looks for."""
         of = {"episode": self.episodes[0]} if len(self.episodes) == 1 else {"episodes": list(self.episodes)}
-        return {"capture": str(self.path), "capture_sha256": self.sha256, **of}
+        told = {} if self.station is None else {"station": self.station}
+        return {"capture": str(self.path), "capture_sha256": self.sha256, **of, **told}
 
 
 def hash_capture(folder: Path, episodes: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from pinwm_drake.capture.importers.colmap import import_colmap, read_model
+from pinwm_drake.capture.importers.lenses import COLMAP_MODELS
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.static_views import read_views
@@ -49,7 +50,7 @@ def write_text(folder, cameras, images):
 
 
 def write_binary(folder, cameras, images):
-    numbers = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "OPENCV": 4}
+    numbers = {name: number for number, (name, _, _) in enumerate(COLMAP_MODELS)}
     folder.mkdir(parents=True)
     data = struct.pack("<Q", len(cameras))
     for number, (model, width, height, values) in cameras.items():
@@ -127,11 +128,11 @@ def test_masks_are_found_by_either_name(scan, scenery, tmp_path, name):
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_distorted_cameras_are_refused_with_a_hint(scan, tmp_path, kind):
+def test_lenses_without_a_model_here_are_refused_with_a_hint(scan, tmp_path, kind):
     cameras, images = model_of(scan)
-    cameras[3] = ("OPENCV", 48, 48, [50.0, 50.0, 24.0, 24.0, 0.1, 0.0, 0.0, 0.0])
+    cameras[3] = ("FOV", 48, 48, [50.0, 50.0, 24.0, 24.0, 0.1])
     WRITERS[kind](tmp_path / "model", cameras, images)
-    with pytest.raises(InputError, match=r"camera model OPENCV; allowed: PINHOLE .* undistort the images first"):
+    with pytest.raises(InputError, match=r"camera model FOV; allowed: SIMPLE_PINHOLE.* undistort the images first"):
         read_model(tmp_path / "model")
 
 

@@ -142,8 +142,13 @@ def test_a_similarity_moves_points_and_turns_cameras():
 @pytest.mark.parametrize(
     ("edit", "part"),
     [
-        (lambda d: d.update(k1=0.1), "undistort"),
-        (lambda d: d.update(camera_model="OPENCV_FISHEYE"), "OPENCV_FISHEYE"),
+        (lambda d: d.update(k1=0.1), "k1 = 0.1"),  # of a PINHOLE
+        (lambda d: d.update(camera_model="OPENCV", k4=0.1), "k4 = 0.1"),
+        (lambda d: d.update(camera_model="OPENCV", k6=0.1), "k6 = 0.1"),
+        (lambda d: d.update(camera_model="OPENCV_FISHEYE", p1=0.1), "p1 = 0.1"),
+        (lambda d: d.update(camera_model="OPENCV", distortion_params=[0.1, 0, 0, 0, 0, 0]), "distortion_params"),
+        (lambda d: d.update(is_fisheye="yes"), "is_fisheye"),
+        (lambda d: d.update(camera_model="EQUIRECTANGULAR"), "OPENCV_FISHEYE"),
         (lambda d: d["frames"][1].update(file_path="images/none"), "images/none"),
         (lambda d: d["frames"][1].update(w=50), "48 x 48 px"),
         (lambda d: [d.pop("fl_x"), d.pop("fl_y")], "no fl_x"),

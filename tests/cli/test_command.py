@@ -8,8 +8,7 @@ import yaml
 from typer.testing import CliRunner
 
 import pinwm_drake
-from pinwm_drake.cli.command import add_command
-from pinwm_drake.cli.completion import completer
+from pinwm_drake.cli.command import add_command, completer
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.request import BUDGET, LAB, argument, option, request
 

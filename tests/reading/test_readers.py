@@ -259,3 +259,7 @@ def test_vertices_without_three_coordinates_are_refused(tmp_path, line):
     (tmp_path / "a.obj").write_text(f"{line}\n" * 3 + "f 1 2 3\n")
     assert "a vertex without three coordinates" in refused(read_scene, tmp_path / "a.obj")
     assert f"got '{line}'; allowed: \"v x y z\"" in refused(read_objects, tmp_path / "a.obj")
+
+
+def test_a_hash_that_begins_like_a_number_is_text(tmp_path):
+    assert parse_yaml("x: 2028e68561dcfe65", tmp_path) == {"x": "2028e68561dcfe65"}

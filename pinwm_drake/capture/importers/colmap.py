@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from pinwm_drake.capture.episode_tables import quote
+from pinwm_drake.capture.importers.lenses import COLMAP_MODELS, COLMAP_OBEYED, colmap_camera
 from pinwm_drake.capture.importers.similarity import Similarity
 from pinwm_drake.capture.importers.target import (
     PosedImage,
@@ -30,6 +31,7 @@ from pinwm_drake.capture.importers.target import (
     write_scenery,
     write_static,
 )
+from pinwm_drake.capture.lens import Lens
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
 from pinwm_drake.capture.static_views import is_picture, named_mask
 from pinwm_drake.errors import InputError
@@ -40,16 +42,11 @@ from pinwm_drake.spatial.poses import Pose, identity, inverse
 
 _MODEL_FOLDERS = ("", "sparse/0", "sparse", "0")
 _MODEL_FILES = ("images.bin", "images.txt")
-# Names and numbers of parameters of COLMAP's camera models, by the number that its binary files have.
-_MODELS = (
-    *(("SIMPLE_PINHOLE", 3), ("PINHOLE", 4), ("SIMPLE_RADIAL", 4), ("RADIAL", 5), ("OPENCV", 8), ("OPENCV_FISHEYE", 8)),
-    *(("FULL_OPENCV", 12), ("FOV", 5), ("SIMPLE_RADIAL_FISHEYE", 4), ("RADIAL_FISHEYE", 5), ("THIN_PRISM_FISHEYE", 12)),
-)
-_PINHOLES = dict(_MODELS[:2])
 _ANNOUNCED = re.compile(r"Number of images:\s*(\d{1,9})\b", re.ASCII)
 _WHOLE = re.compile(r"[-+]?\d{1,19}", re.ASCII)
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _UNIT_NORM = 1e-3
+_Cameras = dict[int, tuple[Camera, Lens | None]]  # by their numbers
 _FARTHEST = 1e9
 
 
@@ -145,7 +142,7 @@ def read_model(folder: Path) -> list[PosedImage]:
         folder: Folder with `cameras.bin` and `images.bin`, or else `cameras.txt` and `images.txt`.
 
     Raises:
-        InputError: A file is missing, truncated or wrong, or a camera is neither PINHOLE nor SIMPLE_PINHOLE.
+        InputError: A file is missing, truncated or wrong, or the model of a camera is not obeyed.
     """
     if is_file(folder / "images.bin") and is_file(folder / "cameras.bin"):
         path = folder / "images.bin"
@@ -158,8 +155,8 @@ def read_model(folder: Path) -> list[PosedImage]:
     return sorted(images, key=lambda image: str(image.path))
 
 
-def _read_text_cameras(path: Path) -> dict[int, Camera]:
-    cameras: dict[int, Camera] = {}
+def _read_text_cameras(path: Path) -> _Cameras:
+    cameras: _Cameras = {}
     for row, line in enumerate(read_text(path).splitlines(), start=1):
         cells = line.split()
         if not cells or cells[0].startswith("#"):
@@ -169,11 +166,11 @@ def _read_text_cameras(path: Path) -> dict[int, Camera]:
             raise InputError(path, row=row, value=quote(line), allowed="CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]")
         number = _whole(path, row, cells[0])
         _require_new(path, row, f"camera {number}", number in cameras)
-        cameras[number] = _camera(path, row, cells[1], values[1:])
+        cameras[number] = colmap_camera(path, row, cells[1], values[1:])
     return cameras
 
 
-def _read_text_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
+def _read_text_images(path: Path, cameras: _Cameras) -> list[PosedImage]:
     records, announced = _Records(path), None
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points"
     lines = iter(enumerate(read_text(path).splitlines(), start=1))
@@ -257,20 +254,20 @@ class _Binary:
         return min(int(self.take("Q", row)[0]), len(self.data) + 1)
 
 
-def _read_binary_cameras(path: Path) -> dict[int, Camera]:
+def _read_binary_cameras(path: Path) -> _Cameras:
     data, cameras = _Binary(path), {}
     for row in range(1, data.count() + 1):
         number, model, width, height = data.take("iiQQ", row)
-        if not 0 <= model < len(_MODELS):
-            raise InputError(path, row=row, value=f"camera model {model}", allowed="PINHOLE or SIMPLE_PINHOLE")
-        name, count = _MODELS[model]
+        if not 0 <= model < len(COLMAP_MODELS):
+            raise InputError(path, row=row, value=f"camera model {model}", allowed=COLMAP_OBEYED)
+        name, count, _ = COLMAP_MODELS[model]
         _require_new(path, row, f"camera {number}", number in cameras)
-        cameras[number] = _camera(path, row, name, [width, height, *data.take(f"{count}d", row)])
+        cameras[number] = colmap_camera(path, row, name, [width, height, *data.take(f"{count}d", row)])
     data.end(len(cameras))
     return cameras
 
 
-def _read_binary_images(path: Path, cameras: dict[int, Camera]) -> list[PosedImage]:
+def _read_binary_images(path: Path, cameras: _Cameras) -> list[PosedImage]:
     data, records = _Binary(path), _Records(path)
     for row in range(1, data.count() + 1):
         number, *values, camera = data.take("i7di", row)
@@ -301,25 +298,7 @@ def _numbers(path: Path, row: int, cells: list[str]) -> list[float]:
     return values
 
 
-def _camera(path: Path, row: int, model: str, values: list[float]) -> Camera:
-    if model not in _PINHOLES:
-        hint = "PINHOLE or SIMPLE_PINHOLE: undistort the images first (colmap image_undistorter)"
-        raise InputError(path, row=row, value=f"camera model {quote(model)}", allowed=hint)
-    width, height, *parameters = values
-    if len(parameters) != _PINHOLES[model]:
-        allowed = f"{_PINHOLES[model]} parameters for {model}"
-        raise InputError(path, row=row, value=f"{len(parameters)} parameters", allowed=allowed)
-    focal, centre = parameters[:-2], parameters[-2:]
-    bounds = [("width", width, 1.0, 16384.0), ("height", height, 1.0, 16384.0)]
-    bounds += [("focal length", value, 1e-3, _FARTHEST) for value in focal]
-    bounds += [("principal point", value, -1e6, 1e6) for value in centre]
-    for name, value, low, high in bounds:
-        if not low <= value <= high or (low == 1.0 and value != int(value)):
-            raise InputError(path, row=row, value=f"{name} {value:g} px", allowed="a camera of 1 to 16384 px")
-    return Camera(int(width), int(height), torch.tensor([focal[0], focal[-1], *centre], dtype=torch.float64))
-
-
-def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: dict[int, Camera]) -> PosedImage:
+def _image(path: Path, row: int, name: str, camera: int, pose: list[float], cameras: _Cameras) -> PosedImage:
     """Return an image from the number of its camera and q, t of X_CS."""
     if camera not in cameras:
         raise InputError(path, row=row, value=f"camera {camera}", allowed="a camera of the model")
@@ -332,4 +311,4 @@ def _image(path: Path, row: int, name: str, camera: int, pose: list[float], came
         found = f"pose {np.round(values, 6).tolist()}"
         raise InputError(path, row=row, value=found, allowed="QW QX QY QZ of norm 1, and finite TX TY TZ")
     X_CS = Pose(torch.from_numpy(values[:4] / norm), torch.from_numpy(values[4:]))
-    return PosedImage(Path(name), None, cameras[camera], inverse(X_CS))
+    return PosedImage(Path(name), None, cameras[camera][0], inverse(X_CS), cameras[camera][1])

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from pinwm_drake.capture.images import read_size
+from pinwm_drake.capture.importers.lenses import OBEYED, nerfstudio_lens
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import (
     PosedImage,
@@ -15,6 +16,7 @@ from pinwm_drake.capture.importers.target import (
     write_scenery,
     write_static,
 )
+from pinwm_drake.capture.lens import Lens
 from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.static_views import TRANSFORMS, find_mask
 from pinwm_drake.capture.transforms import MAX_SIZE, Frame, focal_length, read_frame, require_different, require_known
@@ -55,18 +57,20 @@ def import_nerfstudio(
 def read_posed_images(path: Path) -> list[PosedImage]:
     """Images of a `transforms.json` of nerfstudio or NeRF, in its order; raises InputError as `read_transforms`."""
     document = read_json(path)
-    require_known(document)
-    frames = [_read(document, entry) for entry in document["frames"].items()]
+    require_known(document, OBEYED)
+    found = [_read(document, entry) for entry in document["frames"].items()]
+    frames = [frame for frame, _ in found]
     require_different(frames)
     masks = [frame.mask_path or find_mask(path.parent, frame.image_path) for frame in frames]
     return [
-        PosedImage(frame.image_path, mask, frame.camera, frame.X_WC) for frame, mask in zip(frames, masks, strict=True)
+        PosedImage(frame.image_path, mask, frame.camera, frame.X_WC, lens)
+        for (frame, lens), mask in zip(found, masks, strict=True)
     ]
 
 
-def _read(document: Entry, entry: Entry) -> Frame:
-    """Frame of a `transforms.json`, with the defaults of nerfstudio filled in."""
-    require_known(entry)
+def _read(document: Entry, entry: Entry) -> tuple[Frame, Lens | None]:
+    """Frame of a `transforms.json`, with the defaults of nerfstudio filled in, and its lens if it has distortion."""
+    require_known(entry, OBEYED)
     name = _image_name(entry)
     known: dict[str, Any] = {key: value for key, value in document.value.items() if key not in _OF_FILE}
     known |= {**entry.value, "file_path": name}
@@ -83,7 +87,8 @@ def _read(document: Entry, entry: Entry) -> Frame:
     for key, value in (("fl_y", known.get("fl_x")), ("cx", 0.5 * size[0]), ("cy", 0.5 * size[1])):
         if key not in known and value is not None:
             known[key] = value
-    return read_frame(Entry(entry.path, "", {}), own, _FARTHEST)
+    frame = read_frame(Entry(entry.path, "", {}), own, _FARTHEST, OBEYED)
+    return frame, nerfstudio_lens(own, frame.camera)
 
 
 def _image_name(entry: Entry) -> str:

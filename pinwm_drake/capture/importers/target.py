@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pinwm_drake.capture.images import read_image, require_size
+from pinwm_drake.capture.importers.lenses import write_undistorted
 from pinwm_drake.capture.importers.similarity import Similarity
+from pinwm_drake.capture.lens import Lens
 from pinwm_drake.capture.paths import is_folder, require_file
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import CAPTURE_FILE, FARTHEST, PusherGeometry, PusherShape
@@ -45,6 +47,7 @@ class PosedImage:
     mask_path: Path | None
     camera: Camera
     X_SC: Pose  # of the camera in the world S of the source, OpenCV axes; q (4,), p (3,) in the unit of S
+    lens: Lens | None = None  # that took it, where it has distortion
 
 
 def write_scenery(folder: Path, scenery: Scenery, X_WO: Pose) -> None:
@@ -125,6 +128,8 @@ def write_static(
 ) -> None:
     """Copy images and masks to `static/` of a capture and write its `transforms.json`; warn of poses in another unit.
 
+    Images of a lens with distortion are written as a pinhole at their place would show them.
+
     Args:
         folder: The capture.
         images: The images.
@@ -149,12 +154,16 @@ def write_static(
         if float(X_WC.p.abs().max()) > FARTHEST:
             found, allowed = f"a camera at {X_WC.p.tolist()} m", f"within {FARTHEST:g} m; see --scale, m for a unit"
             raise InputError(image.path, value=found, allowed=allowed)
-        seen.append(Seen(image.camera, X_WC, seen_size(mask)))
-        name = f"images/{k:05}{image.path.suffix.lower()}"
-        copy_file(image.path, folder / "static" / name)
-        if image.mask_path is not None:
-            copy_file(image.mask_path, folder / f"static/masks/{k:05}{image.mask_path.suffix.lower()}")
-        frames.append((name, image.camera, X_WC))
+        camera, name = image.camera, f"images/{k:05}{image.path.suffix.lower() if image.lens is None else '.png'}"
+        if image.lens is not None:
+            mask_target = None if image.mask_path is None else folder / f"static/masks/{k:05}.png"
+            camera, mask = write_undistorted(image.path, image.lens, mask, folder / "static" / name, mask_target)
+        else:
+            copy_file(image.path, folder / "static" / name)
+            if image.mask_path is not None:
+                copy_file(image.mask_path, folder / f"static/masks/{k:05}{image.mask_path.suffix.lower()}")
+        seen.append(Seen(camera, X_WC, seen_size(mask)))
+        frames.append((name, camera, X_WC))
         report((k + 1) / len(images))
     tell(scale_doubts(folder / "static/transforms.json", seen, load_mesh(mesh), X_WO))
     write_posed_images(folder / "static/transforms.json", frames)

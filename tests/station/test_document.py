@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: MIT
+import hashlib
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.station.calibrate import PICTURES
+from pinwm_drake.station.document import load_station, require_station, write_station
+from pinwm_drake.station.rigid import from_pose
+from tests.station.stations import plain_station, station_document
+
+
+def test_a_station_is_read_as_it_was_written(tmp_path):
+    written = write_station(tmp_path / "new/station.yaml", station_document())
+    read = load_station(tmp_path / "new")
+    assert read.document == written.document == station_document()
+    assert read.sha256 == hashlib.sha256((tmp_path / "new/station.yaml").read_bytes()).hexdigest()
+    assert read.lens.intrinsics.tolist() == [918.3, 916.9, 652.2, 352.9]
+    torch.testing.assert_close(read.X_WC.p, torch.tensor([0.55, -0.75, 0.6], dtype=torch.float64))
+    assert not list((tmp_path / "new").glob(".*"))
+
+
+def test_texts_that_look_like_numbers_stay_texts(tmp_path):
+    document = station_document().model_copy(update={"name": "1e3", "provenance": {"sha256": "2028e68561dcfe65"}})
+    read = write_station(tmp_path / "station.yaml", document).document
+    assert (read.name, read.provenance) == ("1e3", {"sha256": "2028e68561dcfe65"})
+
+
+def test_a_calibration_tells_all_of_its_station(fixed):
+    truth, found, station = fixed
+    document = station.document
+    X_BC = from_pose(document.world.X_BW.pose()) @ from_pose(station.X_WC)
+    np.testing.assert_allclose(X_BC, found.solution.camera.X, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(X_BC[:3, 3], truth.X_BC[:3, 3], rtol=0, atol=3e-3)
+    low, high = document.world.table.height_interval
+    assert low < document.world.table.height < high
+    assert np.linalg.eigvalsh(np.array(document.camera.covariance)).min() > 0
+    assert document.accuracy.median == found.accuracy.median
+    assert set(document.provenance["sha256"]) == {"lab.yaml", "robot.csv", "photos"}
+    assert len(document.provenance["residuals"]) == len(found.sightings)
+    pictures = {path.relative_to(station.path.parent / PICTURES) for path in station.path.parent.rglob("*.png")}
+    assert {str(path.with_suffix(".jpg")) for path in pictures} == {one.photo.name for one in found.sightings}
+
+
+@pytest.mark.parametrize(
+    ("edit", "part"),
+    [
+        (lambda d: d.update(schema_version=2), "schema_version"),
+        (lambda d: d.update(colour="red"), "an unknown key"),
+        (lambda d: d["camera"].update(X_WC=None), "camera.mount"),
+        (lambda d: d["camera"].update(mount="hand"), "X_EC"),
+        (lambda d: d["camera"].update(distortion=[0.1]), "camera.distortion"),
+        (lambda d: d["camera"]["K"][0].__setitem__(1, 0.5), "camera.K"),
+        (lambda d: d["camera"].update(covariance=[[1.0]]), "15 x 15"),
+        (lambda d: d["workspace"].update(high=[0.0, 0.0, 0.0]), "workspace.high"),
+        (lambda d: d.update(latency={"camera": [0.2, 0.1]}), "latency.camera"),
+        (lambda d: d["view"].update(fov_y=float("nan")), "view.fov_y"),
+    ],
+)
+def test_wrong_stations_are_refused_by_name(tmp_path, edit, part):
+    plain = plain_station()
+    edit(plain)
+    path = tmp_path / "station.yaml"
+    path.write_text(yaml.safe_dump(plain))
+    with pytest.raises(InputError) as caught:
+        load_station(path)
+    assert part in str(caught.value)
+
+
+def test_another_station_is_refused(tmp_path):
+    station = write_station(tmp_path / "station.yaml", station_document())
+    require_station(tmp_path / "capture.yaml", station.sha256, station)
+    require_station(tmp_path / "capture.yaml", None, station)
+    with pytest.raises(InputError, match=r"capture\.yaml: got station 0000"):
+        require_station(tmp_path / "capture.yaml", "0" * 64, station)
