@@ -21,7 +21,7 @@ LINES = (
     {"physics"},
     {"rendering"},
     {"capture"},
-    {"scene"},
+    {"scene", "station"},
     {"twin"},
     {"cousins"},
     {"tasks"},

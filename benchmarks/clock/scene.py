@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Film and log of a push in a rendered laboratory: an arm with a rod, a table, clutter, lamps with shadows, and noise."""
+"""Film and log of a push in a rendered laboratory: an arm with a rod, table, clutter, shadows, and noise."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +66,7 @@ def film_push(seed: int) -> FilmedPush:
     """Film a push: object, table, lamps, camera, speeds, rates, noise and clock are drawn from a seed."""
     random = np.random.default_rng(seed)
     focal, offset = random.uniform(480, 760), random.uniform(-1.5, 1.5)
-    X_WC = _look_at(_eye(random), random.normal(0, 0.015, 3) + [0, 0, 0.02], random.normal(0, 0.05))
+    X_WC = _look_at(_eye(random), [*random.normal(0, 0.015, 3), 0, 0, 0.02], random.normal(0, 0.05))
     camera = Camera(WIDTH, HEIGHT, torch.tensor([focal, focal, WIDTH / 2, HEIGHT / 2], dtype=torch.float64))
     push = _Push(random)
     t = np.arange(0.0, push.duration, 1 / random.choice([15.0, 24.0, 30.0, 60.0]))
@@ -193,7 +193,7 @@ def _lights(random: np.random.Generator) -> list[LightParameter]:
 
 
 def _wood(random: np.random.Generator, side: int = 1024) -> np.ndarray:
-    rows, columns = np.mgrid[0:side, 0:side] / side
+    _rows, columns = np.mgrid[0:side, 0:side] / side
     bend = cv2.GaussianBlur(random.normal(size=(side, side)).astype(np.float32), (0, 0), 40)
     grain = 0.1 * np.sin(2 * np.pi * (30 * columns + 0.8 * bend / bend.std())) + random.normal(0, 0.03, (side, side))
     base = np.array([(178, 138, 96), (140, 140, 145), (200, 196, 188), (60, 60, 65)][random.integers(4)])

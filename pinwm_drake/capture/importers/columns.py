@@ -23,7 +23,7 @@ _FORCES = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 _UNITS: dict[str, dict[str, float]] = {
     "t": _TIMES,
     **dict.fromkeys(POSITION, _LENGTHS),
-    **dict.fromkeys(QUATERNION, {"1": 1.0}),
+    **{key: {"1": 1.0} for key in QUATERNION},
     "yaw": _ANGLES,
     **dict.fromkeys(VELOCITY, _SPEEDS),
     **dict.fromkeys(FORCE, _FORCES),

@@ -86,7 +86,7 @@ def is_epoch(t: np.ndarray) -> bool:
 
 
 def in_order(path: Path, t: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Numbers of the stamps (n,) [s] that are kept: each later than all before; and notes on what is dropped or missing.
+    """Numbers of the stamps (n,) [s] that are kept, each later than all before; and notes on what is dropped.
 
     Args:
         path: The file, for messages.

@@ -155,5 +155,5 @@ def _picture(path: Path, number: int, message: Any) -> np.ndarray:
                 rows[:, : image.width * channels].reshape(image.height, image.width, channels)
             )
             return picture if code is None else cv2.cvtColor(picture, code)
-        picture = cv2.imdecode(np.frombuffer(bytes(image.data), np.uint8), cv2.IMREAD_COLOR)
-        return cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        coded = cv2.imdecode(np.frombuffer(bytes(image.data), np.uint8), cv2.IMREAD_COLOR)
+        return cv2.cvtColor(np.asarray(coded), cv2.COLOR_BGR2RGB)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Offset of a log's clock to some hundredths of a second, from the energy of motion and from patches that stand still."""
+"""Offset of a log's clock to some hundredths of a second, from the energy of motion and patches that stand still."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 STEP = 0.02  # s
 _LEAST_WAY = 15.0  # px that the pusher has to go in the film
 _FRAMES = 48  # that are looked at for each offset
-_MANY = 400  # offsets; of more, those with the most alike motion are looked at
+FEW = 40  # offsets that a quick search looks at: those with the most alike motion
 _CONTRAST = 30.0  # patches with less contrast than this count less
 
 
@@ -36,17 +36,19 @@ class Guess:
         return self.motion + self.still
 
 
-def search(film: PusherFilm, low: float, high: float, rate: float = 1.0) -> Guess:
-    """Return the guess of the highest score between two offsets [s]; one of score -2 where the pusher moves in none."""
+def search(film: PusherFilm, low: float, high: float, rate: float = 1.0, most: int = 400) -> Guess:
+    """Return the guess of the highest score between two offsets [s]; one of score -2 where the pusher moves in none.
+
+    Patches are looked at for `most` offsets, those with the most alike motion.
+    """
     offsets = np.arange(low, high + 0.5 * STEP, STEP)
     alike = motion_correlations(film, offsets, rate)
     some = film.some(_FRAMES)
-    if len(offsets) > _MANY:
-        chosen = np.argsort(alike)[-_MANY:]
+    if len(offsets) > most:
+        chosen = np.argsort(alike)[-most:]
         offsets, alike = offsets[chosen], alike[chosen]
-    still = np.array(
-        [stillness(some, float(offset), rate) if c > -1 else -1.0 for offset, c in zip(offsets, alike, strict=True)]
-    )
+    pairs = zip(offsets.tolist(), alike.tolist(), strict=True)
+    still = np.array([stillness(some, offset, rate) if motion > -1 else -1.0 for offset, motion in pairs])
     best = int(np.argmax(alike + still))
     return Guess(float(offsets[best]), float(alike[best]), float(still[best]), rate)
 
@@ -65,7 +67,7 @@ def motion_correlations(film: PusherFilm, offsets: np.ndarray, rate: float = 1.0
 
 
 def stillness(film: PusherFilm, offset: float, rate: float = 1.0) -> float:
-    """Mean correlation of the patches of all pairs of frames, by the way that the pusher goes around both; -1 for none."""
+    """Mean correlation of the patches of pairs of frames, by the way that the pusher goes around both; -1 for none."""
     seen = film.look(film.t * rate + offset)
     weights = path_weights(seen.centre)
     if weights.sum() < _LEAST_WAY:

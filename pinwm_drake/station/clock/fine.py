@@ -65,8 +65,11 @@ def refine(film: PusherFilm, offset: float, rate: float = 1.0) -> ClockFit:
     whole = _refine(film, offset, rate)
     fits = [whole, *(_refine(film.band(k, _BANDS), whole.offset, rate) for k in range(_BANDS))]
     offsets = np.array([fit.offset for fit in fits])
-    weights = 1 / ((_FACTOR * np.array([fit.deviation for fit in fits])) ** 2 + _FLOOR**2)
-    mean = float(weights @ offsets / weights.sum())
+    told = (_FACTOR * np.array([fit.deviation for fit in fits])) ** 2 + _FLOOR**2
+    weights = 1 / told
+    for _ in range(_ROUNDS_OF_WEIGHTS):  # a band in which something else moves loses its say
+        mean = float(weights @ offsets / weights.sum())
+        weights = 1 / (told * (1 + (offsets - mean) ** 2 / (_TAIL**2 * told)))
     scatter = float(weights @ (offsets - mean) ** 2 / weights.sum())
     independent = float(weights.sum() ** 2 / (weights**2).sum())
     deviation = _WIDER * float(np.sqrt(1 / weights.sum() + scatter / independent))

@@ -2,8 +2,8 @@
 """Patches of a film around the place where a log has the pusher, for any offset of the log's clock.
 
 A patch follows the pusher: its rows run along the projected vertical through the pusher's origin, from the pusher's
-lower end to 0.1 m above that, where its stem is; its columns run across, and grow with the pusher in the image. Where the offset is right, the pusher stands
-still in it.
+lower end to 0.1 m above that, where its stem is; its columns run across, and grow with the pusher in the image. Where
+the offset is right, the pusher stands still in it.
 """
 
 from collections.abc import Sequence
@@ -181,7 +181,10 @@ def path_weights(centre: np.ndarray) -> np.ndarray:
 def box_of_way(
     p_WP: np.ndarray, camera: Camera, X_WC: Pose, bounds_P: np.ndarray, margin: int = 60
 ) -> tuple[int, int, int, int]:
-    """Box of pixels (x, y, width, height), inside the image, around all that the pusher passes [m, world]."""
+    """Box of pixels (x, y, width, height), inside the image, around all that the pusher passes [m, world].
+
+    It holds what a mirrored image would show there too: the image's middle column is its own.
+    """
     R_CW = quaternion_to_matrix(X_WC.q).numpy().T
     corners = np.array([[0, 0, bounds_P[0, 2]], [0, 0, max(bounds_P[1, 2], bounds_P[0, 2] + _STEM)]])
     p_C = (p_WP[:, None] + corners - X_WC.p.numpy()).reshape(-1, 3) @ R_CW.T
@@ -195,4 +198,5 @@ def box_of_way(
     high = np.clip(np.ceil(pixels.max(0)) + margin, low + 1, size).astype(int)
     if (high - low < 2 * margin // 3).any():  # it is not in view
         return 0, 0, camera.width, camera.height
-    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
+    left = min(int(low[0]), camera.width - int(high[0]))
+    return left, int(low[1]), camera.width - 2 * left, int(high[1] - low[1])
