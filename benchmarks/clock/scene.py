@@ -66,7 +66,7 @@ def film_push(seed: int) -> FilmedPush:
     """Film a push: object, table, lamps, camera, speeds, rates, noise and clock are drawn from a seed."""
     random = np.random.default_rng(seed)
     focal, offset = random.uniform(480, 760), random.uniform(-1.5, 1.5)
-    X_WC = _look_at(_eye(random), [*random.normal(0, 0.015, 3), 0, 0, 0.02], random.normal(0, 0.05))
+    X_WC = _look_at(_eye(random), np.array([0, 0, 0.02]) + random.normal(0, 0.015, 3), random.normal(0, 0.05))
     camera = Camera(WIDTH, HEIGHT, torch.tensor([focal, focal, WIDTH / 2, HEIGHT / 2], dtype=torch.float64))
     push = _Push(random)
     t = np.arange(0.0, push.duration, 1 / random.choice([15.0, 24.0, 30.0, 60.0]))

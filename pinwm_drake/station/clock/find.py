@@ -1,26 +1,27 @@
 # SPDX-License-Identifier: MIT
 """Offset of a film's clock from a log's; or one line that names what is wrong with the two."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.station.clock.coarse import FEW, STEP, Guess, search, standardised
-from pinwm_drake.station.clock.fine import ClockFit, refine
+from pinwm_drake.station.clock.fine import ClockFit, find_rate, refine
 from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 
 SPAN = 1.5  # s, by which clocks may differ
 # Least correlations of a film with its log: those of 44 rendered films are 0.37 and 1.18 at least.
 _STILL, _SCORE = 0.33, 1.1
+_ALIVE, _BOTH = 0.5, 0.6  # least correlations of motion and of both parts of a film that may be cut
 _SURE = 0.025  # s, of the deviation
-_RATES = (0.5, 0.8, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 1.25, 2.0)
+_RATES = (0.5, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 2.0)
 _BETTER = 0.15  # by which the score of another rate has to be higher
 _FRAMES = 60  # that are looked at for cuts
 # Of a cut: gain in correlation, share of the motion on each side, and the piece that is missing, s.
 _GAIN, _SHARE, _JUMP, _LONGEST_CUT = 0.012, 0.2, 0.06, 1.0
 _DRIFT = 0.015  # s over a film, of a clock that runs too fast
+_EXPLAINED = 0.8  # of the residual is left, at most, at the rate of a clock that drifts
 _FASTEST = 0.03  # of a clock that drifts; beyond it the rate is wrong
 
 
@@ -67,8 +68,8 @@ def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: 
     if _trusted(wide):
         found = f"stamps of another clock: the log shows this motion {wide.offset - around:+.2f} s away"
         return InputError(path, value=found, allowed=f"clocks within {span:g} s, or --offset {wide.offset:.2f}")
-    cut = find_cut(film, guess.offset) if guess.motion > 0.5 else None
-    if cut is not None and cut[3] >= 0.6:
+    cut = find_cut(film, guess.stillest) if guess.motion > _ALIVE else None
+    if cut is not None and cut[3] >= _BOTH:
         return _cut(path, *cut)
     found = f"the log of another run: its motion agrees by {guess.still:.2f} within {span:g} s"
     allowed = f"{_STILL:g} or more; check --log, the columns' axes and the camera's pose"
@@ -137,15 +138,10 @@ def _wrong_rate(path: Path, film: PusherFilm, guess: Guess) -> InputError:
 
 
 def _with_drift(film: PusherFilm, fit: ClockFit) -> ClockFit:
-    """Return the fit, or one at the rate that the single frames' offsets tell, where that explains them better."""
-    certain = np.isfinite(fit.late_deviation)
-    if certain.sum() < 4:
+    """Return the fit, or one at another rate where that explains the film much better."""
+    rate, residual = find_rate(film, fit.offset)
+    drift = abs(rate - 1) * float(np.ptp(film.t))
+    if drift < _DRIFT or abs(rate - 1) > _FASTEST or residual > _EXPLAINED * fit.residual:
         return fit
-    weights = np.where(certain, 1 / fit.late_deviation**2, 0.0)
-    t = film.t - weights @ film.t / weights.sum()
-    slope = float((weights * t) @ fit.late / max(float((weights * t) @ t), 1e-12))
-    if abs(slope) * np.ptp(film.t[certain]) < _DRIFT or abs(slope) > _FASTEST:
-        return fit
-    rate = 1 + slope
-    other = refine(film, fit.offset + (1 - rate) * float(weights @ film.t / weights.sum()), rate)
-    return replace(other) if other.residual < 0.8 * fit.residual else fit
+    middle = float(np.mean(film.t))
+    return refine(film, fit.offset + (1 - rate) * middle, rate)

@@ -23,7 +23,7 @@ from pinwm_drake.station.clock.patches import NOISE, PusherFilm, Seen, path_weig
 _ROUNDS, _SMALL = 60, 5e-5  # s: below this step the search ends
 _MOST_SHIFT = 3.0  # px in one round
 _A, _B = 30.0, 0.02  # standard deviations before the film is seen: px, 1
-_STEP = 0.2  # s
+_STEP, _RATE = 0.2, 0.03  # s, 1
 _REST = 0.02  # weight of a frame at rest, of the heaviest
 _TAIL = 2.5  # deviations beyond which a frame counts less
 _ROUNDS_OF_WEIGHTS = 12
@@ -77,8 +77,15 @@ def refine(film: PusherFilm, offset: float, rate: float = 1.0) -> ClockFit:
     return ClockFit(mean, deviation, rate, whole.residual, late, whole.late_deviation)
 
 
-def _refine(film: PusherFilm, offset: float, rate: float) -> ClockFit:
-    """Offset [s] near a guess, with the deviation that residuals tell."""
+def find_rate(film: PusherFilm, offset: float) -> tuple[float, float]:
+    """Return the seconds of the log for each second of the film, near 1, and the residual [px] that is left then."""
+    fit = _refine(film, offset, 1.0, drifts=True)
+    return fit.rate, fit.residual
+
+
+def _refine(film: PusherFilm, offset: float, rate: float, drifts: bool = False) -> ClockFit:
+    """Offset [s] near a guess, and the rate where the clock `drifts`, with the deviation that residuals tell."""
+    middle = float(np.mean(film.t))
     n, shift = len(film.t), np.zeros((len(film.t), 2))
     for _ in range(_ROUNDS):
         log_t = film.t * rate + offset
@@ -89,16 +96,18 @@ def _refine(film: PusherFilm, offset: float, rate: float) -> ClockFit:
         change, information = _shifts(film, seen, weights)
         shift = shift + np.clip(change, -_MOST_SHIFT, _MOST_SHIFT)
         velocity = film.velocity(log_t)
-        design = np.zeros((n, 2, 7))
+        design = np.zeros((n, 2, 8))
         design[:, 0, 0] = design[:, 1, 1] = 1.0
         design[:, 0, 2:4] = design[:, 1, 4:6] = seen.centre - weights @ seen.centre
         design[:, :, 6] = velocity
+        design[:, :, 7] = velocity * (film.t - middle)[:, None] * drifts
         fit = _regression(shift, information, design)
         left = shift - design @ fit.values
-        step = float(fit.values[6])
+        step, faster = float(fit.values[6]), float(fit.values[7])
         # The next template is that of the model: what is left may be noise.
-        offset, shift = offset + step, shift - left - velocity * step
-        if abs(step) < _SMALL:
+        shift = shift - left - velocity * step - design[:, :, 7] * faster
+        offset, rate = offset + step - faster * middle, rate + faster
+        if abs(step) + abs(faster) < _SMALL:
             break
     speed = np.einsum("ki,kij,kj->k", velocity, information, velocity)
     moving = speed > 1e-3 * max(float(speed.max()), 1e-12)
@@ -131,16 +140,16 @@ def _shifts(film: PusherFilm, seen: Seen, weights: np.ndarray) -> tuple[np.ndarr
 @dataclass(frozen=True, eq=False)
 class _Regression:
     values: np.ndarray  # (p,)
-    deviation: float  # of the last of them
+    deviation: float  # of the step of the offset
     scale: float  # of the residuals, in units of what the information says
 
 
 def _regression(y: np.ndarray, information: np.ndarray, design: np.ndarray) -> _Regression:
-    """Least squares of y (n, 2) by a design (n, 2, 7) and the model's prior, with weights that outliers lose."""
+    """Least squares of y (n, 2) by a design (n, 2, 8) and the model's prior, with weights that outliers lose."""
     floor = (1e-9 * np.trace(information, axis1=1, axis2=2).mean() + 1e-12) * np.eye(2)
     root = np.linalg.cholesky(information + floor).transpose(0, 2, 1)
     target, columns = np.einsum("kij,kj->ki", root, y), root @ design
-    prior = np.diag([_A**-2] * 2 + [_B**-2] * 4 + [_STEP**-2])
+    prior = np.diag([_A**-2] * 2 + [_B**-2] * 4 + [_STEP**-2, _RATE**-2])
     weights, scale = np.ones(len(y)), 1.0
     for _ in range(_ROUNDS_OF_WEIGHTS):
         normal = np.einsum("k,kip,kiq->pq", weights, columns, columns) / scale**2 + prior
