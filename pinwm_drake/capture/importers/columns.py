@@ -80,7 +80,7 @@ def _source(name: str, column: str, unit: str | None, sign: float) -> Source:
         raise ParameterError(f"--columns: got {name} in [{unit}]; allowed: {', '.join(_UNITS[name])}")
     factor = None if unit is None else _UNITS[name][unit]
     try:
-        constant = float(column) if not column.isdecimal() else None  # 1, 2, 3 are columns without a header
+        constant = float(column)
     except ValueError:
         constant = None
     return Source(column, factor, sign, constant)
@@ -147,7 +147,7 @@ def make_trajectory(log: Columns, given: dict[str, Source]) -> tuple[PusherTraje
 
 
 def _column(log: Columns, name: str, source: Source) -> np.ndarray:
-    if source.constant is not None:
+    if source.constant is not None and source.column not in log.values:  # 1, 2, 3 are columns without a header
         return np.full(len(log.rows), source.sign * source.constant)
     if source.column not in log.values:
         allowed = f"a column of the log: {', '.join(list(log.values)[:12])}"
@@ -176,12 +176,13 @@ def _positions(log: Columns, sources: dict[str, Source], raw: dict[str, np.ndarr
     if "pz" not in raw:
         raise InputError(log.path, value="no column for pz", allowed="--columns with pz=COLUMN[UNIT] or pz=HEIGHT[m]")
     return np.stack(
-        [raw[name] * (sources[name].factor or _constant(sources[name], factor)) for name in POSITION], axis=1
+        [raw[name] * (sources[name].factor or _constant(log, sources[name], factor)) for name in POSITION], axis=1
     )
 
 
-def _constant(source: Source, factor: float) -> float:
-    return 1.0 if source.constant is not None else factor
+def _constant(log: Columns, source: Source, factor: float) -> float:
+    """Factor of a source without a unit: that of the columns, or 1 for a constant, which is in metres."""
+    return 1.0 if source.constant is not None and source.column not in log.values else factor
 
 
 def _velocities(

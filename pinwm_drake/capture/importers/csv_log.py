@@ -30,7 +30,7 @@ def read_csv(path: Path) -> Columns:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         raise InputError(path, value="no row", allowed="a header and rows of numbers")
-    separator = max(_SEPARATORS, key=lines[0].strip().count)
+    separator = next((one for one in _SEPARATORS if one in lines[0]), " ")
     rows: list[tuple[int, list[str]]] = []
     with guarded(path, "comma-separated values"):
         reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
