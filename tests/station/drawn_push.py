@@ -70,21 +70,22 @@ def draw_push(seed: int = 0, offset: float = 0.37, seconds: float = 1.6, noise: 
     return DrawnPush(np.array(frames), t, log_t + offset, p_WP, Camera(*_SIZE, lens), X_WC, offset)
 
 
-def _draw(table: np.ndarray, eye: ViewCamera, p_WP: np.ndarray, random: np.random.Generator, noise: float) -> np.ndarray:
+def _draw(table, eye: ViewCamera, p_WP: np.ndarray, random: np.random.Generator, noise: float) -> np.ndarray:
     picture = table.copy()
 
     def pixels(points) -> np.ndarray:
         p_C = (np.atleast_2d(points) - eye.p_WC) @ eye.R_WC
         centre = np.array(_SIZE) / 2
-        return np.rint((p_C[:, :2] / p_C[:, 2:] * eye.focal + centre) * _FINE * 16).astype(np.int32)  # 4 bits of fraction
+        found = p_C[:, :2] / p_C[:, 2:] * eye.focal + centre
+        return np.rint(found * _FINE * 16).astype(np.int32)  # 4 bits of fraction
 
     shoved = max(p_WP[0] + RADIUS + 0.03, 0.0)
-    corners = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]]) + [shoved, 0]
+    corners = np.array([[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]]) + np.array([shoved, 0])
     top = pixels(np.column_stack([corners, np.full(4, 0.05)]))
     cv2.fillConvexPoly(picture, top, (60, 90, 200), cv2.LINE_AA, shift=4)
     depth = float((p_WP - eye.p_WC) @ eye.R_WC[:, 2])
     px = eye.focal / depth * _FINE
-    ends = pixels(np.array([p_WP, p_WP + [0, 0, 0.2]]))
+    ends = pixels(np.array([p_WP, p_WP + np.array([0, 0, 0.2])]))
     cv2.line(picture, ends[0].tolist(), ends[1].tolist(), (40, 40, 40), round(0.008 * px), cv2.LINE_AA, shift=4)
     cv2.circle(picture, ends[0].tolist(), round(RADIUS * px * 16), (30, 200, 60), -1, cv2.LINE_AA, shift=4)
     small = cv2.resize(picture, _SIZE, interpolation=cv2.INTER_AREA)

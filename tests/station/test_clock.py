@@ -72,13 +72,13 @@ def test_a_cut_is_found_where_it_is(push):
 def other_run(push):
     """The log of a push along another line."""
     t = push.log_t - push.offset
-    return push.log_t, place(t, (-0.02, 0.16)) + [0.05, -0.05, 0]
+    return push.log_t, place(t, (-0.02, 0.16)) + np.array([0.05, -0.05, 0])
 
 
 @pytest.mark.parametrize(
     ("words", "wrong"),
     [
-        ("cut near 0.[67]", lambda push: push.film(k := (push.t < 0.7) | (push.t >= 0.95), t=push.t[: k.sum()])),
+        (r"cut near 0\.[67]", lambda push: push.film(k := (push.t < 0.7) | (push.t >= 0.95), t=push.t[: k.sum()])),
         ("the log of another run", lambda push: push.film(log=other_run(push))),
         ("another clock: a second of the film is 1.2 s", lambda push: push.film(t=push.t / 1.2)),
         (r"another clock: the log shows this motion -3\.\d* s away", lambda push: push.film(t=push.t + 4)),
