@@ -56,7 +56,7 @@ def test_the_next_episode_takes_the_camera_of_the_last(made):
     capture, sources = made
     given = dataclasses.replace(sources, offset=EPOCH + 0.37, exact=True)
     add_episode(capture, given, name="first")
-    second = add_episode(capture, dataclasses.replace(given, camera=None, start=0.2, end=1.0))
+    second = add_episode(capture, dataclasses.replace(given, camera=None, start=0.19, end=1.01))
     assert second.folder.name == "0000"
     assert second.images == 25
     assert (second.folder / "camera.json").read_text() == (capture / "episodes/first/camera.json").read_text()

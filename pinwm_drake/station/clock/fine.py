@@ -30,7 +30,7 @@ _ROUNDS_OF_WEIGHTS = 12
 _BANDS = 3
 # Residuals do not tell what shifts have in common from frame to frame. The factor multiplies the deviation that they
 # tell, the floor [s] is added to it in squares, and the last multiplies the outcome, so that 95 % intervals hold the
-# offset in 95 % of 40 rendered films; see docs/results/clock.json for others.
+# offset in 95 % of 40 rendered films; see docs/results/clock.md.
 _FACTOR, _FLOOR, _WIDER = 4.0, 5e-4, 1.3
 
 
