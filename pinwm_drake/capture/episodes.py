@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from pinwm_drake.capture.clock import EpisodeClock, read_clock
 from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
 from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
 from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
@@ -55,11 +56,13 @@ class Episode(View):
         trajectory: Poses of the pusher, from the first image to the last or longer.
         object_poses: Poses of the object; to score, never to fit. None where they are not known.
         others: Further cameras, `cameras/<name>` of the folder, in the order of their names.
+        clock: How the images' clock was brought to the log's; None where `clock.yaml` is not there.
     """
 
     trajectory: PusherTrajectory
     object_poses: ObjectPoses | None
     others: tuple[View, ...] = ()
+    clock: EpisodeClock | None = None
 
     @cached_property
     def views(self) -> tuple[View, ...]:
@@ -109,7 +112,8 @@ def read_episode(capture: Capture, name: str) -> Episode:
     own, *others = (
         View(path.name, path, *read_fixed_camera(path), *read_frame_table(path, trajectory.t)) for path in folders
     )
-    return Episode(**vars(own), trajectory=trajectory, object_poses=read_object_poses(folder), others=tuple(others))
+    poses, clock = read_object_poses(folder), read_clock(folder)
+    return Episode(**vars(own), trajectory=trajectory, object_poses=poses, others=tuple(others), clock=clock)
 
 
 def tell_doubts(episode: Episode) -> Episode:

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""`pinwm capture`: check, refine and simulate captures, and import data of other formats."""
+"""`pinwm capture`: check, refine and simulate captures, add episodes, and import data of other formats."""
 
 import re
+import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,6 +15,7 @@ from rich.markup import escape
 from pinwm_drake.cli.command import add_command
 from pinwm_drake.cli.console import Show, say, stages_bar
 from pinwm_drake.experiments.requests.captures import (
+    AddEpisodeRequest,
     CheckRequest,
     ColmapRequest,
     NerfstudioRequest,
@@ -194,13 +196,40 @@ def pinwm(request: PinwmRequest) -> None:
     _report(request.out, ", ".join(f"episode {k:04} from {file}" for k, file in enumerate(files)))
 
 
+def add_episode(request: AddEpisodeRequest) -> None:
+    """Add an episode from a film and a log of the pusher.
+
+    Finds the offset between their clocks, keeps what both cover, and tells what it drops.
+    """
+    import math
+
+    from pinwm_drake.station.episode import Sources
+    from pinwm_drake.station.episode import add_episode as add
+
+    given = {name: value for name, value in vars(request).items() if name not in ("folder", "name")}
+    given["start"] = -math.inf if request.start is None else request.start
+    given["end"] = math.inf if request.end is None else request.end
+    with stages_bar(transient=True) as show:
+        added = add(
+            request.folder, Sources(**given), name=request.name, report=lambda what, share: show(what, share, "")
+        )
+    clock = added.clock
+    for note in clock.notes:
+        say(note)
+    low, high = (1e3 * (end - clock.offset) for end in clock.interval)
+    say(f"clock: the log's time is the film's {clock.offset:+.4f} s, {low:+.1f} to {high:+.1f} ms with 95 %")
+    if not added.masked:
+        warnings.warn(f"{added.folder}: no masks; identify refuses it until masks/ has one of each image", stacklevel=1)
+    _report(added.folder, f"{added.images} images", request.folder)
+
+
 def _import(show: Show, share: float) -> None:
     show("importing", share, "images")
 
 
-def _report(out: Path, contents: str) -> None:
+def _report(out: Path, contents: str, capture: Path | None = None) -> None:
     say(f"wrote {out}: {contents}")
-    say(f"check it with: pinwm capture check {out}")
+    say(f"check it with: pinwm capture check {capture or out}")
 
 
 capture_app = typer.Typer(name="capture", no_args_is_help=True, add_completion=False)
@@ -209,7 +238,7 @@ import_app = typer.Typer(name="import", help="Make a capture from data in anothe
 
 @capture_app.callback()
 def capture() -> None:
-    """Check, import, refine and simulate captures."""
+    """Check, import, refine and simulate captures, and add episodes."""
 
 
 add_command(capture_app, CheckRequest, check, name="check", example="pinwm capture check mycapture")
@@ -221,6 +250,13 @@ add_command(
     simulate,
     name="simulate",
     example="pinwm capture simulate mycapture --object mug --friction 0.2",
+)
+add_command(
+    capture_app,
+    AddEpisodeRequest,
+    add_episode,
+    name="add-episode",
+    example="pinwm capture add-episode mycapture --video push.mp4 --log robot.csv --columns t=stamp[ms],px=x[mm],...",
 )
 add_command(
     import_app,

@@ -36,6 +36,7 @@ from pinwm_drake.twin.twin import Twin, assemble_twin
 # Options that a continued search may have otherwise; threads count with the number that is used.
 _MAY_CHANGE = ("checkpoint_every", "num_threads")
 NOMINAL_MASS = 1.0  # kg, where none was measured
+_CLOCK = 1e-3  # s, of an offset that was found, at least: exposures are not instants
 _SUPPORT = ("support_x", "support_y", "support_z")
 
 
@@ -105,7 +106,7 @@ def identify_theta(
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
         starts = [find_start(footage, surfels, X_WO, radius, num_threads=number) for footage in footages]
-        coordinates = _coordinates(capture, options, scene, mass, starts)
+        coordinates = _coordinates(capture, options, scene, mass, starts, pushes)
         forwards = [Forward(scene, episode, X_WO, mass, number) for episode in pushes]
         task = Task(footages, forwards, surfels, coordinates, starts, number)
         about = {
@@ -187,12 +188,17 @@ def capture_scene(capture: Capture, time_step: float, *, facets: bool = False) -
 
 
 def _coordinates(
-    capture: Capture, options: IdentifyOptions, scene: Scene, mass: float, starts: Sequence[Tensor]
+    capture: Capture,
+    options: IdentifyOptions,
+    scene: Scene,
+    mass: float,
+    starts: Sequence[Tensor],
+    pushes: Sequence[Episode],
 ) -> Coordinates:
     """Return the unknowns, with the spread of the pressure held where the support is chosen.
 
     A camera is as far off as the object that it shows is away from where the static views have it; starts (3,) are what
-    `find_start` found.
+    `find_start` found. Where the clock of a push was found, its offset is as sure as that is.
     """
     free, held = options.names, {"mass": mass, **options.held}
     if options.support != "auto":
@@ -202,7 +208,9 @@ def _coordinates(
         held |= dict(zip(_SUPPORT, spread, strict=True))
     far = [float(d[:2].norm()) if bool((d.abs() <= LIMIT).all()) else 0.0 for d in starts]
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
-    return Coordinates(free, held, len(starts), views)
+    clocks = [{} if push.clock is None else {"time_offset": max(push.clock.deviation, _CLOCK)} for push in pushes]
+    priors = [view | clock for view, clock in zip(views, clocks, strict=True)]
+    return Coordinates(free, held, len(starts), priors)
 
 
 def _digest(surfels: Surfels) -> str:

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: MIT
-"""A lab's station: the calibration board, the calibration, and the document `station.yaml`."""
+"""A lab's station: calibration board, calibration, clocks of film and log, and the document `station.yaml`."""

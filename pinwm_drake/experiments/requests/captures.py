@@ -131,6 +131,66 @@ class PinwmRequest:
         require("--pusher-mesh", "none", known, "a mesh, or a --pusher-shape")
 
 
+@request
+class AddEpisodeRequest:
+    """Request of a new episode: what `pinwm capture add-episode` does."""
+
+    folder: _Folder
+    video: Annotated[
+        Path, option("Film: a video, a folder of images, rosbag2, MCAP, a LeRobot data set or an LCM log.")
+    ]
+    log: Annotated[
+        Path | None, option("Log of the pusher: CSV, or one of the recordings.", default="that of --video")
+    ] = None
+    columns: Annotated[
+        str,
+        option(
+            "Map of the log's columns: t=stamp[ms],px=x[mm],py=y[mm],pz=0.05[m].",
+            metavar="MAP",
+            default="guessed from the names of columns",
+        ),
+    ] = ""
+    camera: Annotated[
+        Path | None, option("Intrinsics and pose, as camera.json.", default="that of the last episode")
+    ] = None
+    masks: Annotated[
+        Path | None, option("Folder or film of masks, one for each frame.", group=DATA, default="alpha of the frames")
+    ] = None
+    name: Annotated[str | None, option("Name of the episode.", group=DATA, default="the next number")] = None
+    rate: Annotated[
+        float | None,
+        option("Frames in a second, of a film without stamps.", group=DATA, unit="Hz", gt=0, le=10_000, default="none"),
+    ] = None
+    stamps: Annotated[
+        Path | None, option("CSV file of the images' times.", group=DATA, default="stamps.csv beside them")
+    ] = None
+    topic: Annotated[
+        str | None, option("Topic, camera or channel of the images.", group=DATA, default="the only one")
+    ] = None
+    log_topic: Annotated[
+        str | None, option("Topics or channel of the log; TOPIC:FRAME in tf.", group=DATA, default="the only one")
+    ] = None
+    number: Annotated[int, option("Number of the episode in a LeRobot data set.", group=DATA, ge=0)] = 0
+    start: Annotated[
+        float | None, option("Time of the film from which it is used.", group=DATA, unit="s", ge=0, default="its start")
+    ] = None
+    end: Annotated[
+        float | None, option("Time of the film up to which it is used.", group=DATA, unit="s", gt=0, default="its end")
+    ] = None
+    offset: Annotated[
+        float | None, option("Log's time less the film's, roughly.", group=LAB, unit="s", default="found, 0 to 1.5 s")
+    ] = None
+    exact: Annotated[bool, option("Take --offset as it is.", group=LAB)] = False
+
+    def __post_init__(self) -> None:
+        """Check options that depend on each other."""
+        require("--exact", self.exact, not self.exact or self.offset is not None, "with --offset only")
+        ordered = self.start is None or self.end is None or self.start < self.end
+        require("--end", self.end, ordered, "a time after --start")
+        plain = self.name is None or (self.name.isprintable() and Path(self.name).name == self.name)
+        require("--name", self.name, plain and (self.name or "0")[0] != ".", "the name of a folder")
+
+
 def _pose(text: str) -> "Pose":
     import numpy as np
     import torch

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: MIT
+"""Offset of a film's clock from a log's; or one line that names what is wrong with the two."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pinwm_drake.errors import InputError
+from pinwm_drake.station.clock.coarse import FEW, STEP, Guess, search, standardised
+from pinwm_drake.station.clock.fine import ClockFit, find_rate, refine
+from pinwm_drake.station.clock.patches import PusherFilm, path_weights
+
+SPAN = 1.5  # s, by which clocks may differ
+# Least correlations of a film with its log: those of 44 rendered films are 0.37 and 1.18 at least.
+_STILL, _SCORE = 0.33, 1.1
+_ALIVE, _BOTH = 0.5, 0.6  # least correlations of motion and of both parts of a film that may be cut
+_SURE = 0.025  # s, of the deviation
+_RATES = (0.5, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 2.0)
+# By which the score of another rate has to be higher, also where the offset is not sure.
+_BETTER, _LITTLE = 0.15, 0.03
+_FRAMES = 60  # that are looked at for cuts
+# Of a cut: gain in correlation, share of the motion on each side, and the piece that is missing, s.
+_GAIN, _SHARE, _JUMP, _LONGEST_CUT = 0.012, 0.2, 0.06, 1.0
+_DRIFT = 0.015  # s over a film, of a clock that runs too fast
+_EXPLAINED = 0.8  # of the residual is left, at most, at the rate of a clock that drifts
+_FASTEST = 0.03  # of a clock that drifts; beyond it the rate is wrong
+
+
+def find_clock(film: PusherFilm, path: Path, *, around: float = 0.0, span: float = SPAN) -> ClockFit:
+    """Find the offset of a film's clock from its log's: the log's time is the film's, times the rate, plus the offset.
+
+    Args:
+        film: Film and log.
+        path: The film, for messages.
+        around: s, middle of the offsets that are tried.
+        span: s, how far they go to both sides.
+
+    Raises:
+        InputError: The film does not show the log's motion: it is mirrored, cut, of another push, or its stamps are
+            those of another clock.
+    """
+    guess = search(film, around - span, around + span)
+    if not _trusted(guess):
+        raise _explained(film, path, guess, around, span)
+    if (cut := find_cut(film, guess.offset)) is not None:
+        raise _cut(path, *cut)
+    if (rate := _other_rate(film, guess, around, span)) is not None:
+        raise _wrong_rate(path, film, rate)
+    fit = _with_drift(film, refine(film, guess.offset))
+    if fit.deviation > _SURE:
+        if (rate := _other_rate(film, guess, around, span, better=_LITTLE)) is not None:
+            raise _wrong_rate(path, film, rate)
+        found = f"an offset of {fit.offset:.3f} s that is sure to {1e3 * 1.96 * fit.deviation:.0f} ms only"
+        allowed = "a film that shows the pusher of this log start or stop, from the side; or --offset"
+        raise InputError(path, value=found, allowed=allowed)
+    return fit
+
+
+def _trusted(guess: Guess) -> bool:
+    return guess.still >= _STILL and guess.score >= _SCORE
+
+
+def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: float) -> InputError:
+    """Error that says why a film does not show the motion of its log."""
+    if _trusted(search(film.mirrored(), around - span, around + span, most=2 * FEW)):
+        return InputError(path, value="a mirrored image", allowed="pictures as the camera sees, not flipped")
+    if (rate := _other_rate(film, guess, around, span)) is not None:
+        return _wrong_rate(path, film, rate)
+    low, high = film.log_t[0] - film.t[-1], film.log_t[-1] - film.t[0]
+    wide = search(film, float(low), float(high), most=4 * FEW)
+    if _trusted(wide):
+        found = f"stamps of another clock: the log shows this motion {wide.offset - around:+.2f} s away"
+        return InputError(path, value=found, allowed=f"clocks within {span:g} s, or --offset {wide.offset:.2f}")
+    cut = find_cut(film, guess.stillest) if guess.motion > _ALIVE else None
+    if cut is not None and cut[3] >= _BOTH:
+        return _cut(path, *cut)
+    found = f"the log of another run: its motion agrees by {guess.still:.2f} within {span:g} s"
+    allowed = f"{_STILL:g} or more; check --log, the columns' axes and the camera's pose"
+    return InputError(path, value=found, allowed=allowed)
+
+
+def find_cut(film: PusherFilm, offset: float) -> tuple[float, float, float, float] | None:
+    """Place of a film at which its offset jumps, as where a piece was cut out; None where there is none.
+
+    The template of an offset [s] is looked for in each frame at other offsets, and the frames before and after a place
+    are free to agree on one each.
+
+    Returns:
+        Time [s] of the film, jump [s], gain in correlation, and the correlation of both parts.
+    """
+    chosen = np.unique(np.linspace(0, len(film.t) - 1, _FRAMES).round().astype(int))
+    some, change = film.part(chosen), film.motion()
+    weights = np.zeros(len(film.t))
+    weights[:-1] += change
+    weights[1:] += change
+    weights = weights[chosen] / max(float(weights[chosen].sum()), 1e-9)
+    seen = some.look(some.t + offset)
+    template = path_weights(seen.centre) @ standardised(some, seen.patches)
+    template /= max(float(np.linalg.norm(template)), 1e-9)
+    offsets = offset + np.arange(-_LONGEST_CUT, _LONGEST_CUT + 0.5 * STEP, STEP)
+    alike = np.stack([standardised(some, some.look(some.t + one).patches) @ template for one in offsets], axis=1)
+    before = np.cumsum(weights[:, None] * alike, axis=0)
+    after, share, apart = before[-1] - before, np.cumsum(weights), round(_JUMP / STEP)
+    # Of what is left after a cut, the log is later: a piece is missing.
+    later = np.maximum.accumulate(after[:, ::-1], axis=1)[:, ::-1]
+    both = before[:, :-apart] + later[:, apart:]
+    both[(share < _SHARE) | (share > 1 - _SHARE)] = -np.inf
+    place, first = np.unravel_index(int(np.argmax(both)), both.shape)
+    correlation = float(both[place, first])
+    gain = correlation - float(before[-1].max())
+    if gain < _GAIN or place + 1 >= len(some.t):
+        return None
+    second = first + apart + int(np.argmax(after[place, first + apart :]))
+    return float(some.t[place + 1]), float(offsets[second] - offsets[first]), gain, correlation
+
+
+def _cut(path: Path, time: float, jump: float, gain: float, both: float) -> InputError:
+    found = f"a film that is cut near {time:.2f} s: {jump:.2f} s are missing"
+    return InputError(path, value=found, allowed="a film in one piece, or with stamps that tell the gap")
+
+
+def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float, better: float = _BETTER) -> Guess | None:
+    """Guess at another rate that suits the film much better; None where there is none."""
+    if guess.score > 2 - 2 * better:
+        return None
+    found = guess
+    for rate in _RATES:
+        start = around + (1 - rate) * float(film.t[0])
+        slack = abs(1 - rate) * float(film.t[-1] - film.t[0])
+        other = search(film, start - span - slack, start + span + slack, rate, most=FEW)
+        found = other if other.score > found.score else found
+    clear = found.score > guess.score + better and found.still > guess.still + 0.5 * better
+    return found if clear and _trusted(found) else None
+
+
+def _wrong_rate(path: Path, film: PusherFilm, guess: Guess) -> InputError:
+    now = 1 / float(np.median(np.diff(film.t)))
+    found = f"stamps of another clock: a second of the film is {guess.rate:.3g} s of the log"
+    allowed = f"the right stamps; if {now:.4g} Hz is wrong, --rate {now / guess.rate:.4g}"
+    return InputError(path, value=found, allowed=allowed)
+
+
+def _with_drift(film: PusherFilm, fit: ClockFit) -> ClockFit:
+    """Return the fit, or one at another rate where that explains the film much better."""
+    rate, residual = find_rate(film, fit.offset)
+    drift = abs(rate - 1) * float(np.ptp(film.t))
+    if drift < _DRIFT or abs(rate - 1) > _FASTEST or residual > _EXPLAINED * fit.residual:
+        return fit
+    middle = float(np.mean(film.t))
+    return refine(film, fit.offset + (1 - rate) * middle, rate)
