@@ -9,6 +9,7 @@ expanded anew.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -16,9 +17,9 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
-from pinwm_drake.identification.problem import FilmedEpisode, Problem
+from pinwm_drake.identification.problem import Explained, Problem
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import CHANCES, WALKS
+from pinwm_drake.twin.drift import DRIFTS, FINE_DRIFTS, chances
 
 # Step of the differences by an unknown, in z. That is 1 to 2 %: pushes that begin or end within another time step make
 # poses a sawtooth of theta below that.
@@ -37,26 +38,29 @@ _SHARES = (1.0, 0.5, 0.2)
 
 
 @dataclass(frozen=True, eq=False)
-class Surrogate:
-    """Objective of the unknowns without the renderer: minus the logarithm of their posterior, up to a constant."""
+class Objective:
+    """Objective of the unknowns by expansions: minus the logarithm of their posterior, up to a constant."""
 
-    problem: Problem
-    expansions: list[Expansion]  # Images around poses, of each push
-    # Weighted, the corrections integrated out; of each push, one for each of `drift.WALKS`
-    marginals: list[list[Marginal]]
+    problem: Explained
+    expansions: list[Expansion]  # Images, or measured poses, around poses, of each push
+
+    @cached_property
+    def marginals(self) -> list[list[Marginal]]:
+        """Weighted, the corrections integrated out; of each push, one for each of `drift.DRIFTS`."""
+        return [[self.marginal(push, *one) for one in DRIFTS] for push in range(len(self.expansions))]
+
+    def marginal(self, push: int, walk: float, turn: float) -> Marginal:
+        """Quadratic loss of a push, with the corrections of a drift integrated out."""
+        raise NotImplementedError
 
     @property
     def loss(self) -> float:
-        """Mean squares of the images at the expansions' poses, mean over frames."""
+        """Mean of the expansions' losses over frames: of images, mean squares."""
         return float(torch.cat([expansion.loss for expansion in self.expansions]).mean())
 
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
         """Deviations (W, 6n + 1) of guesses z (W, p) from the expansion of a push, and (W,) bool: solved."""
-        values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
-        X_WO, alive = self.problem.pushes[push].forward.shown(values)
-        at = Pose(expansion.X_WO.q[:, None], expansion.X_WO.p[:, None])
-        poses = deviation(X_WO, at).transpose(0, 1).reshape(len(z), -1)
-        return torch.cat([poses, (values["outline"] / expansion.outline).log()[:, None]], -1), alive
+        raise NotImplementedError
 
     @torch.no_grad()
     def objective(self, z: Tensor) -> Tensor:
@@ -65,8 +69,17 @@ class Surrogate:
 
     @torch.no_grad()
     def shares(self, z: Tensor) -> Tensor:
-        """Probabilities (W, K) of each of `drift.WALKS`, given guesses z (W, p)."""
+        """Probabilities (W, K) of each of `drift.DRIFTS`, given guesses z (W, p)."""
         return torch.softmax(self._likelihoods(z), -1)
+
+    @torch.no_grad()
+    def fine_shares(self, z: Tensor) -> Tensor:
+        """Probabilities (K,) of each of `drift.FINE_DRIFTS`, given unknowns z (p,)."""
+        total = chances(FINE_DRIFTS).log()
+        for push in range(len(self.expansions)):
+            u, _ = self.deviations(z[None], push)
+            total = total - torch.cat([self.marginal(push, *one).loss(u) for one in FINE_DRIFTS])
+        return torch.softmax(total, 0)
 
     def _likelihoods(self, z: Tensor) -> Tensor:
         """Logarithms (W, K) of the likelihood of guesses z (W, p) with each walk; minus infinite where unsolved."""
@@ -76,7 +89,7 @@ class Surrogate:
 
     def _weighed(self, deviations: Sequence[Tensor]) -> Tensor:
         """Logarithms (W, K) of the likelihood of each walk, by the deviations (W, 6n + 1) of each push."""
-        total = torch.tensor(CHANCES, dtype=torch.float64).log().expand(len(deviations[0]), -1)
+        total = chances(DRIFTS).log().expand(len(deviations[0]), -1)
         for u, marginals in zip(deviations, self.marginals, strict=True):
             total = total - torch.stack([marginal.loss(u) for marginal in marginals], -1)
         return total
@@ -137,13 +150,35 @@ class Surrogate:
         return z
 
     def walk(self, z: Tensor) -> int:
-        """Return the number of the likeliest of `drift.WALKS`, given unknowns z (p,)."""
+        """Return the number of the likeliest of `drift.DRIFTS`, given unknowns z (p,)."""
         return int(self.shares(z[None])[0].argmax())
 
     def corrections(self, z: Tensor, walk: int) -> list[Tensor]:
-        """Return likeliest corrections (n, 6) of each push's poses for unknowns z (p,) and a walk of `drift.WALKS`."""
+        """Return likeliest corrections (n, 6) of each push's poses for unknowns z (p,) and a walk of `drift.DRIFTS`."""
         found = (self.deviations(z[None], push)[0][0] for push in range(len(self.marginals)))
         return [marginals[walk].corrections(u) for marginals, u in zip(self.marginals, found, strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate(Objective):
+    """Objective of the unknowns without the renderer."""
+
+    problem: Problem
+
+    def marginal(self, push: int, walk: float, turn: float) -> Marginal:
+        """Quadratic loss of a push; see `Objective`."""
+        expansion, weight = self.expansions[push], weights_of(self.expansions)[push]
+        times = torch.from_numpy(self.problem.pushes[push].forward.times)
+        prior = prior_root(expansion.X_WO, times, self.problem.radius, walk, turn)
+        return Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
+
+    def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
+        """Deviations as of `Objective`, with the outline's logarithm."""
+        values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
+        X_WO, alive = self.problem.pushes[push].forward.shown(values)
+        at = Pose(expansion.X_WO.q[:, None], expansion.X_WO.p[:, None])
+        poses = deviation(X_WO, at).transpose(0, 1).reshape(len(z), -1)
+        return torch.cat([poses, (values["outline"] / expansion.outline).log()[:, None]], -1), alive
 
 
 @dataclass
@@ -163,12 +198,6 @@ class RefineState:
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 
 
-def _priors(problem: Problem, push: FilmedEpisode, expansion: Expansion) -> list[Tensor]:
-    """Roots of the priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
-    times = torch.from_numpy(push.forward.times)
-    return [prior_root(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]
-
-
 @torch.no_grad()
 def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate | None:
     """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution."""
@@ -184,14 +213,7 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-    marginals = [
-        [
-            Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
-            for prior in _priors(problem, push, expansion)
-        ]
-        for push, expansion, weight in zip(problem.pushes, expansions, weights_of(expansions), strict=True)
-    ]
-    return Surrogate(problem, expansions, marginals)
+    return Surrogate(problem, expansions)
 
 
 def refine(
@@ -250,12 +272,13 @@ def joint_loss(
         corrections: Of all pushes together.
         expansions: Images at the corrected poses, of each push.
         weights: (n,) of each push's frames, as `weights_of` gives them.
-        walk: Number of one of `drift.WALKS`, for the corrections' prior.
+        walk: Number of one of `drift.DRIFTS`, for the corrections' prior.
     """
     counts = [push.num_frames for push in problem.pushes]
     total = float(problem.coordinates.penalty(z))
     for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
-        root = _priors(problem, push, expansion)[walk]
+        times = torch.from_numpy(push.forward.times)
+        root = prior_root(expansion.X_WO, times, problem.radius, *DRIFTS[walk])
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

@@ -41,7 +41,8 @@ _DEGREE = math.pi / 180.0
 # real bodies; support_* spread the pressure on the face that the object rests on along them, against a uniform one;
 # center_* move the centre of mass; contact_offset is by how much larger object and pusher act together than their
 # meshes; grip_* are by how much a push's frictions differ from the object's, as they do from place to place and from
-# one law of contact to another; lift raises object and floor over what the capture says; view_* move what the camera
+# one law of contact to another; frame_* move the pusher's log in the world of the object, see `twin/frame.py`; lift
+# raises object and floor over what the capture says; view_* move what the camera
 # of a push shows against the world of the pusher, as a camera that is calibrated wrongly does; outline scales the
 # object in the images about its middle there, as segmentation and anti-aliasing do, which else would be taken for a
 # distance.
@@ -58,6 +59,8 @@ UNKNOWNS: dict[str, Unknown] = {
         *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.43, low=0.15, high=3.0, physical=False) for axis in "xyz"),
         *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 2e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
+        *(Unknown(f"frame_{axis}", "m", False, 0.0, 1e-3, 3e-3, low=-0.1, high=0.1, physical=False) for axis in "xy"),
+        Unknown("frame_yaw", "rad", False, 0.0, _DEGREE, _DEGREE, low=-0.5, high=0.5, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
         *(Unknown(f"start_{axis}", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False) for axis in "xy"),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),

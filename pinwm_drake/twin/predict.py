@@ -12,7 +12,8 @@ from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin.drift import drift, typical_walk, way
+from pinwm_drake.twin.drift import drift, typical_drift, way
+from pinwm_drake.twin.frame import in_world
 from pinwm_drake.twin.origin import in_push, start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws
 from pinwm_drake.twin.twin import Twin
@@ -38,8 +39,9 @@ def predict_poses(
     Raises:
         PinwmError: A mesh cannot be used, or the physics found no solution.
     """
-    start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
-    found = rollout(_in_place_of(in_push(twin, push), capture), start, episode.trajectory, episode.t + late)
+    start, late = start or start_pose(twin, capture, push, episode), time_offset(twin, push)
+    placed = _in_place_of(in_push(twin, push), capture)
+    found = rollout(placed, start, in_world(twin, episode.trajectory), episode.t + late, episode.start_velocity)
     return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 
 
@@ -66,9 +68,10 @@ def predict_spread(
     """
     if twin.draws is None:
         return None
-    start, t = start or start_pose(twin, capture, push), episode.t + time_offset(twin, push)
+    start, t = start or start_pose(twin, capture, push, episode), episode.t + time_offset(twin, push)
     placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(_DRAWS)
-    return spread_of(rollout_draws(placed, start, episode.trajectory, t, rows), episode.t, twin)
+    drawn = rollout_draws(placed, start, episode.trajectory, t, rows, episode.start_velocity)
+    return spread_of(drawn, episode.t, twin)
 
 
 def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
@@ -77,7 +80,7 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
     turned = turn_between(X_WO.q[:, :1], X_WO.q)
     parts = torch.cat([turned[..., 2:], X_WO.p[..., :2]], -1).var(1, correction=0).numpy()
-    sigma = drift(radius, typical_walk(twin)).numpy()[[2, 3, 4]]
+    sigma = drift(radius, *typical_drift(twin)).numpy()[[2, 3, 4]]
     yaw, x, y = np.sqrt(parts + made[:, None] * sigma**2).T
     return Spread(x, y, yaw)
 

@@ -10,7 +10,7 @@ import torch
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
-from pinwm_drake.twin.drift import DRIFT, WALKS, drift, typical_walk, way
+from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, DRIFTS, drift, typical_drift, way
 from pinwm_drake.twin.predict import spread_of
 from pinwm_drake.twin.read import load_twin, read_draws
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws
@@ -68,15 +68,17 @@ def test_spread_is_that_of_the_draws_and_of_the_drift(tmp_path):
     p = np.stack([x, np.zeros((n, W)), np.zeros((n, W))], -1)
     q = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(n, W, 4)
     spread = spread_of(Pose(q, torch.from_numpy(p)), np.array([0.0, 0.5, 1.0]), twin)
-    walked = WALKS[0] * np.sqrt(np.array([0.0, 0.05, 0.1]))
+    walked = DRIFTS[0][0] * np.sqrt(np.array([0.0, 0.05, 0.1]))
     assert spread.y == pytest.approx(walked, rel=0.02)
     assert spread.x == pytest.approx(np.hypot(walked, [0.0, 0.005, 0.01]), rel=0.05)
-    assert float(WALKS[0] / drift(0.05, WALKS[0])[2]) == pytest.approx(0.05)
+    assert float(DRIFTS[0][0] / drift(0.05, *DRIFTS[0])[2]) == pytest.approx(0.05)
     assert spread.position[-1] == pytest.approx(np.hypot(spread.x[-1], spread.y[-1]))
 
 
 def test_a_twin_drifts_as_its_draws_do(tmp_path):
     twin = cube_twin(tmp_path)
-    assert typical_walk(twin) == WALKS[0]
+    assert typical_drift(twin) == DRIFTS[0]
     draws = Draws([DRIFT], np.array([[3e-3], [4e-3], [0.0], [0.0]]))
-    assert typical_walk(dataclasses.replace(twin, draws=draws)) == pytest.approx(2.5e-3)
+    assert typical_drift(dataclasses.replace(twin, draws=draws)) == pytest.approx((2.5e-3, 1.0))
+    turning = Draws([DRIFT, DRIFT_TURN], np.array([[3e-3, 2.0], [4e-3, 2.0], [0.0, 9.0], [0.0, 9.0]]))
+    assert typical_drift(dataclasses.replace(twin, draws=turning)) == pytest.approx((2.5e-3, 2.0))
