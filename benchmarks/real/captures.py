@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Captures of real measurements: poses and the pusher's log, without images."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import numpy as np
 import torch
 import trimesh
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.capture.episode_tables import POSES_FILE, TRAJECTORY_FILE, ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.episodes import START_FILE
@@ -20,7 +20,9 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _SIDES = 128  # of a circle
 _TIP_LENGTH, _TIP_HEIGHT = 0.1, 0.02  # m; the height is that of its middle over the floor at the least
 _MIT_HEIGHT, _MIT_TIP, _MIT_SPEED = 0.013, 0.00475, 0.01  # m, m, m/s
-_CMU_LEG, _CMU_HEIGHT, _CMU_TIP = 0.15, 0.013, 0.001  # m
+_CMU_LEG, _CMU_HEIGHT, _CMU_TIP, _CMU_MASS = 0.15, 0.013, 0.001, 1.518  # m, m, m, kg
+_HALF_CUBE, _CUBE_MASS, _TOSS_RATE = 0.0524, 0.37, 148.0  # m, kg, Hz
+_AWAY = np.array([5.0, 5.0, 5.0])  # m
 _AFTER = 0.1  # s, of a log after the pusher stops
 
 _TRI1 = ((0.045, 0.045), (-0.0809, 0.045), (0.045, -0.08087))
@@ -78,14 +80,68 @@ def triangle_pushes(data: dict[str, np.ndarray]) -> list[RealPush]:
     return found
 
 
-def write_planar_capture(
+def write_mit(folder: Path, name: str, pushes: list[RealPush]) -> Path:
+    """Write the pushes of one of MIT's pairs, SURFACE_SHAPE, as a capture."""
+    outline = OUTLINES[name.rpartition("_")[2]]
+    return _write_planar(folder, name, outline, _MIT_HEIGHT, None, _MIT_TIP, pushes)
+
+
+def write_triangle(folder: Path, name: str, pushes: list[RealPush]) -> Path:
+    """Write the pushes of one of CMU's sets as a capture."""
+    return _write_planar(folder, name, TRIANGLE, _CMU_HEIGHT, _CMU_MASS, _CMU_TIP, pushes)
+
+
+@dataclass(frozen=True, eq=False)
+class Toss:
+    """Poses of a thrown object at times (n,) [s]: q (n, 4), p (n, 3) [m], and its velocity (6,) at first."""
+
+    t: np.ndarray
+    q: np.ndarray
+    p: np.ndarray
+    V: np.ndarray
+
+
+def read_tosses(path: Path) -> list[Toss]:
+    """Tosses of ContactNets' cube; z counts from the floor."""
+    arrays = np.load(path)
+    ends = np.cumsum(arrays["length"])
+    found = []
+    for first, end in zip(ends - arrays["length"], ends, strict=True):
+        rows = arrays["rows"][first:end]
+        q = rows[:, 3:7] / np.linalg.norm(rows[:, 3:7], axis=1, keepdims=True)
+        p, v, omega_O = rows[:, :3] * _HALF_CUBE, rows[0, 7:10] * _HALF_CUBE, rows[0, 10:13]
+        omega = Rotation.from_quat(q[0], scalar_first=True).apply(omega_O)
+        found.append(Toss(np.arange(len(rows)) / _TOSS_RATE, q, p, np.concatenate([omega, v])))
+    return found
+
+
+def write_tosses(folder: Path, tosses: list[Toss]) -> Path:
+    """Write tosses as a capture whose pusher stands far away."""
+    (folder / "meshes").mkdir(parents=True, exist_ok=True)
+    trimesh.creation.box(extents=(2.0 * _HALF_CUBE,) * 3).export(folder / "meshes/object.obj")
+    level = Pose(torch.from_numpy(_LEVEL), torch.tensor([0.0, 0.0, _HALF_CUBE], dtype=torch.float64))
+    _write_scene(folder, "contactnets_cube", _CUBE_MASS, level, PusherShape("sphere", 0.01))
+    for number, toss in enumerate(tosses):
+        episode = folder / "episodes" / f"{number:04}"
+        episode.mkdir(parents=True, exist_ok=True)
+        start = {"p": toss.p[0].tolist(), "q": toss.q[0].tolist()}
+        text = yaml.safe_dump({"X_WO": start, "V_WO": toss.V.tolist()}, default_flow_style=None)
+        (episode / START_FILE).write_text(text)
+        t = toss.t[[0, -1]]
+        still = PusherTrajectory(t, np.tile(_AWAY, (2, 1)), np.tile(_LEVEL, (2, 1)), np.zeros((2, 3)), None)
+        write_trajectory(episode / TRAJECTORY_FILE, still)
+        write_pose_table(episode / POSES_FILE, ObjectPoses(toss.t, toss.p, toss.q))
+    return folder
+
+
+def _write_planar(
     folder: Path,
     name: str,
     outline: np.ndarray,
     height: float,
     mass: float | None,
     tip_radius: float,
-    pushes: Iterable[RealPush],
+    pushes: list[RealPush],
 ) -> Path:
     """Write a capture of an object that is a prism over an outline (k, 2) [m], with an episode for each push."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
@@ -93,25 +149,29 @@ def write_planar_capture(
         np.concatenate([np.pad(outline, ((0, 0), (0, 1)), constant_values=z) for z in (-0.5 * height, 0.5 * height)])
     )
     hull.export(folder / "meshes/object.obj")
-    pushes = list(pushes)
     middle = np.mean([push.poses[0, :2] for push in pushes], axis=0)
+    shape = PusherShape("cylinder", tip_radius, _TIP_LENGTH)
+    _write_scene(folder, name, mass, _planar(np.array([*middle, 0.0]), height), shape)
+    for number, push in enumerate(pushes):
+        _write_push(folder / "episodes" / f"{number:04}", push, height)
+    return folder
+
+
+def _write_scene(folder: Path, name: str, mass: float | None, X_WO: Pose, shape: PusherShape) -> None:
     write_capture_yaml(
         folder,
         name=name,
         mesh="meshes/object.obj",
         mass=mass,
-        X_WO=_planar(np.array([*middle, 0.0]), height),
+        X_WO=X_WO,
         pusher_mesh=None,
-        pusher_shape=PusherShape("cylinder", tip_radius, _TIP_LENGTH),
+        pusher_shape=shape,
         floor_height=0.0,
         gravity=9.81,
     )
-    for number, push in enumerate(pushes):
-        write_push(folder / "episodes" / f"{number:04}", push, height)
-    return folder
 
 
-def write_push(folder: Path, push: RealPush, height: float) -> None:
+def _write_push(folder: Path, push: RealPush, height: float) -> None:
     """Write an episode: start, log of the tip and poses."""
     folder.mkdir(parents=True, exist_ok=True)
     start = _planar(push.poses[0], height)

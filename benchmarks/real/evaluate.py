@@ -19,7 +19,7 @@ from pinwm_drake.twin.predict import TWO_SIDED
 
 # Of a slow push, which is the same at any step; of a fast one.
 SLOW, FAST = 0.1, 1.0 / 240.0
-_MOVES, _SCREENED, _STARTS = 12, 32, 2
+_MOVES, _SCREENED, _STARTS = 4, 32, 1
 
 
 def options(time_step: float, **changes: Any) -> IdentifyOptions:

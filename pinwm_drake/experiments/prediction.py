@@ -18,7 +18,7 @@ from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.origin import identified_push, start_pose
-from pinwm_drake.twin.predict import Spread, mismatches, predict_poses, predict_spread
+from pinwm_drake.twin.predict import Spread, mismatches, predict_motion
 from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Twin
 
@@ -141,7 +141,5 @@ def predict(
     if find_start:
         start = locate(found, push, start_pose(found, capture, number, push))
         progress("predicting", 0.3, "motion")
-    poses = predict_poses(found, capture, push, number, start=start)
-    progress("predicting", 0.6, "95 % band")
-    spread = predict_spread(found, capture, push, number, start=start)
+    poses, spread = predict_motion(found, capture, push, number, start=start)
     return Prediction(found, capture, push, number, start, poses, spread, mismatches(found, capture))

@@ -135,7 +135,9 @@ class Forward:
         q_WO = quaternion_multiply(turn, self.X_WO.q.expand(W, 4))
         thrown = self.episode.start_velocity is not None
         rest = float(self.X_WO.p[2]) if thrown else resting_height(self.scene, self.X_WO.q)
-        p_WO = torch.stack([self.X_WO.p[0] + values["start_x"], self.X_WO.p[1] + values["start_y"], z + rest], -1)
+        # What is thrown starts where it was seen, over a floor that is raised.
+        height = rest - values["lift"] if thrown else z + rest
+        p_WO = torch.stack([self.X_WO.p[0] + values["start_x"], self.X_WO.p[1] + values["start_y"], height], -1)
         raised = float(self.X_WO.p[2]) - rest + values["lift"]
         up = torch.stack([z, z, raised], -1)
         motion = self._motion(values["time_offset"])

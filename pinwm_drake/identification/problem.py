@@ -39,11 +39,11 @@ class Push(Protocol):
 
     @property
     def forward(self) -> Forward:
-        """The physics."""
+        """Physics of the push."""
 
     @property
     def num_frames(self) -> int:
-        """Number of frames or poses."""
+        """Number n of frames or poses."""
 
 
 @dataclass(frozen=True, eq=False)

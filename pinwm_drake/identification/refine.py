@@ -173,7 +173,7 @@ class Surrogate(Objective):
         return Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
 
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
-        """Deviations as of `Objective`, with the outline's logarithm."""
+        """Deviations (W, 6n + 1) of guesses z (W, p) from the images' expansion of a push, and (W,) bool: solved."""
         values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
         X_WO, alive = self.problem.pushes[push].forward.shown(values)
         at = Pose(expansion.X_WO.q[:, None], expansion.X_WO.p[:, None])
