@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.real import captures
 from benchmarks.real.evaluate import FAST, SLOW, fit_and_predict, options, stored
+from pinwm_drake.identification.options import IdentifyOptions
 
 TRIES = 3  # of one push
 # Spread of the pressure of CMU's points against that of an even one, along x and y.
@@ -88,7 +89,7 @@ def steel(data: Path, out: Path, tests: int, *, images: bool = False) -> Iterabl
         if images and len(fit) > 1:
             _copy_surfels(out / "twins" / "steel-images-1", twin)
         others = [name for name in names if name not in fit][:tests]
-        given = options(FAST, moves=20, starts=4, screened=64)
+        given = IdentifyOptions(num_threads=1) if images else options(FAST)
         make = partial(fit_and_predict, folder, twin, fit, others, given, poses=None if images else "object_poses.csv")
         about = {"set": f"steel-{kind}", "name": "mit_steel_capture", "number": len(fit)}
         yield Job(out / f"{twin.name}.json", about, make)
