@@ -38,9 +38,7 @@ def test_a_row_of_mit_is_a_push_at_its_speed(tmp_path):
 
 
 def test_a_set_of_the_triangle_is_read_push_by_push():
-    finger = np.array(
-        [[0, 0.0, 0.5, 0.0, 0.02], [0, 0.1, 0.51, 0.0, 0.02], [1, 0.0, 0.6, 0.0, 0.02], [1, 0.2, 0.6, 0.1, 0.02]]
-    )
+    rows = [[0, 0.0, 0.5, 0.0, 0.02], [0, 0.1, 0.51, 0.0, 0.02], [1, 0.0, 0.6, 0.0, 0.02], [1, 0.2, 0.6, 0.1, 0.02]]
     poses = np.arange(6.0).reshape(2, 3)
     first, second = triangle_pushes({"pre": poses, "post": poses + 1.0, "finger": np.array(rows)})
     assert first.tip.tolist() == [[0.5, 0.0], [0.51, 0.0]]
