@@ -28,7 +28,7 @@ from pinwm_drake.twin.twin import Draws, Twin
 
 FRAME = ("frame_x", "frame_y", "frame_yaw")
 # Correlation from which on frame and centre of mass are not told apart, and the least spread of the frame that counts.
-_ALIKE, _LEAST = 0.8, 5e-4
+_ALIKE, _LEAST = 0.5, 5e-4
 _DIRECTIONS = 36  # of the half circle, in which correlations are looked at
 
 
