@@ -50,7 +50,7 @@ from pinwm_drake.twin.twin import Estimate
 _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
 # Rows from which on the noise is told [m, of an angle at the object's rim]: the least of them, the least noise, and
 # what is taken where there are fewer rows.
-_ENOUGH, _LEAST, _USUAL = 5, 3e-5, 3e-4
+_ENOUGH, _LEAST, _USUAL = 5, 3e-5, 5e-4
 # A row that is so many noises, and as far [m, rim], from the median of five is none of the object.
 _WRONG, _FAR = 8.0, 5e-3
 _ROUNDS = 3

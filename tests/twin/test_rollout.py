@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -57,12 +58,10 @@ def test_smaller_steps_help_out_and_a_lasting_failure_is_told(twin, monkeypatch)
             raise SolverError("the contact LCP found no solution")
         return original(scene, *arguments, **named)
 
-    monkeypatch.setattr(
-        module, "rollout_worlds", lambda *given, **named: failing(*given, **named, worst=twin.time_step / 3)
-    )
+    monkeypatch.setattr(module, "rollout_worlds", partial(failing, worst=twin.time_step / 3))
     assert len(rollout(twin, START, log(3), np.array([0.0, 0.1])).t) == 2
     assert seen == [twin.time_step, twin.time_step / 2, twin.time_step / 4]
-    monkeypatch.setattr(module, "rollout_worlds", lambda *given, **named: failing(*given, **named, worst=0.0))
+    monkeypatch.setattr(module, "rollout_worlds", partial(failing, worst=0.0))
     with pytest.raises(SolverError, match="no solution"):
         rollout(twin, START, log(3), np.array([0.0, 0.1]))
 
