@@ -25,6 +25,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=_ROOT.parent / "shared/data/real", help="folder of the data")
     parser.add_argument("--out", type=Path, default=Path("out/real"), help="folder for captures, twins and figures")
     parser.add_argument("--only", default="", help="part of the name of the cases to run")
+    parser.add_argument("--stored", action="store_true", help="run nothing: use the figures that are stored in --out")
     parser.add_argument("--write", action="store_true", help="write docs/results/real.json and the tables of real.md")
     given = parser.parse_args()
     unknown = [name for name in given.sets if name not in SETS]
@@ -35,7 +36,7 @@ def main() -> None:
     cases = []
     for name in given.sets or SETS:
         for job in SETS[name](given.data, given.out, _TESTS[name]):
-            if given.only in job.path.stem:
+            if given.only in job.path.stem and (job.path.is_file() or not given.stored):
                 cases.append(job.run())
                 print(job.path.stem, _words(summary(cases[-1]["predictions"])), flush=True)
     if given.write:

@@ -15,8 +15,8 @@ from torch import Tensor
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, deviation
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.objective import STEP_Z, Objective
 from pinwm_drake.identification.problem import Explained
-from pinwm_drake.identification.refine import STEP_Z, Objective
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.drift import DRIFTS
