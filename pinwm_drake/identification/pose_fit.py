@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.ndimage import median_filter
 from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
@@ -19,7 +18,6 @@ from pinwm_drake.capture.measured_poses import MeasuredPoses, within_log
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.meshes import half_diagonal
-from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.history import Log
 from pinwm_drake.identification.identify import (
@@ -33,6 +31,7 @@ from pinwm_drake.identification.identify import (
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import spaced
+from pinwm_drake.identification.pose_noise import checked, track, white_noise
 from pinwm_drake.identification.pose_surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
 from pinwm_drake.identification.posterior import Posterior, interval
 from pinwm_drake.identification.sampling import sample
@@ -41,18 +40,12 @@ from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.threads import one_torch_thread
-from pinwm_drake.twin.drift import per_radius
 from pinwm_drake.twin.frame import yaw_of
 from pinwm_drake.twin.origin import Origin, registration_entry
 from pinwm_drake.twin.twin import Estimate
 
 # Unknowns of one push that poses depend on; a camera's are none of them.
 _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
-# Rows from which on the noise is told [m, of an angle at the object's rim]: the least of them, the least noise, and
-# what is taken where there are fewer rows.
-_ENOUGH, _LEAST, _USUAL = 5, 3e-5, 5e-4
-# A row that is so many noises, and as far [m, rim], from the median of five is none of the object.
-_WRONG, _FAR = 8.0, 5e-3
 _ROUNDS = 3
 _TWO_SIDED = 1.96
 
@@ -107,16 +100,16 @@ def identify_poses(
     with one_torch_thread():
         scene = capture_scene(capture, options.time_step, facets=options.facets)
         radius = half_diagonal(scene.mesh)
-        sigma = _noise([(one.poses.t, _track(one.poses)) for one in tables], radius)
-        checked = [_checked(one, sigma, radius) for one in tables]
+        sigma = white_noise([(one.poses.t, track(one.poses)) for one in tables], radius)
+        sound = [checked(one, sigma, radius) for one in tables]
         whole = []
-        for push, (table, _) in zip(pushes, checked, strict=True):
+        for push, (table, _) in zip(pushes, sound, strict=True):
             posed = replace(push, t=table.poses.t, file_names=[], others=())
             forward = Forward(scene, posed, _pose(table.poses, 0), mass, options.threads, pivot=X_WO.p)
             whole.append(_posed(forward, table, None))
         chosen = [
             _posed(one.forward, table, spaced(one.num_frames, options.fine_frames))
-            for one, (table, _) in zip(whole, checked, strict=True)
+            for one, (table, _) in zip(whole, sound, strict=True)
         ]
         free, held = chosen_unknowns(capture, options, scene, mass)
         own_names = [name for name in _OWN if name in free]
@@ -132,7 +125,7 @@ def identify_poses(
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         forwards = [one.forward for one in whole]
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
-    wrong = {table.path.name: lines for table, lines in checked if lines}
+    wrong = {table.path.name: lines for table, lines in sound if lines}
     notes = PoseNotes(sigma, wrong, sum(table.left_out for table in tables))
     about = {**Origin.of(capture, pushes).to_provenance(), **registration_entry(X_WO, X_WO), "poses": notes.entry()}
     first = pushes[0].start or X_WO
@@ -243,7 +236,7 @@ class _Search:
             with torch.no_grad():
                 d, _ = one.deviations(self._values(z, own))
             residuals.append((one.forward.times, d[0].numpy()))
-        return _noise(residuals, self.radius)
+        return white_noise(residuals, self.radius)
 
     def _note(self, surrogate: PoseSurrogate, stage: str, z: Tensor, share: float) -> None:
         first, width = {"coarse": (0.0, 0.4), "fine": (0.4, 0.4), "sample": (0.8, 0.2)}[stage]
@@ -261,43 +254,6 @@ def _posed(forward: Forward, table: MeasuredPoses, chosen: Tensor | None) -> Pos
 
 def _pose(poses: ObjectPoses, row: int) -> Pose:
     return Pose(torch.from_numpy(poses.q_WO[row].copy()), torch.from_numpy(poses.p_WO[row].copy()))
-
-
-def _track(poses: ObjectPoses) -> np.ndarray:
-    """Rotation vectors [rad] and positions [m] (n, 6) of poses from the first of them."""
-    X = Pose(torch.from_numpy(poses.q_WO), torch.from_numpy(poses.p_WO))
-    return deviation(X, _pose(poses, 0)).numpy()
-
-
-def _noise(tracks: Sequence[tuple[np.ndarray, np.ndarray]], radius: float) -> Tensor:
-    """White noise (6,) of tracks: times (n,) [s], and rotation vectors [rad] and positions [m] (n, 6).
-
-    It is what a row differs by from the straight line between its neighbours, in the median.
-    """
-    differences = []
-    for t, d in tracks:
-        if len(t) >= 3:
-            share = ((t[2:] - t[1:-1]) / (t[2:] - t[:-2]))[:, None]
-            size = np.sqrt(1.0 + share**2 + (1.0 - share) ** 2)
-            differences.append((d[1:-1] - share * d[:-2] - (1.0 - share) * d[2:]) / size)
-    scale = per_radius(radius).numpy()
-    if sum(map(len, differences)) < _ENOUGH:
-        return torch.from_numpy(_USUAL * scale)
-    found = 1.4826 * np.median(np.abs(np.concatenate(differences)), axis=0)
-    # Axes that are alike share their noise: tilts, and those in the plane.
-    found[:2], found[3:5] = np.sqrt(np.mean(found[:2] ** 2)), np.sqrt(np.mean(found[3:5] ** 2))
-    return torch.from_numpy(np.maximum(found, _LEAST * scale))
-
-
-def _checked(table: MeasuredPoses, sigma: Tensor, radius: float) -> tuple[MeasuredPoses, list[int]]:
-    """Table without rows that are far from their neighbours, and the lines of these rows in the file."""
-    d = _track(table.poses)
-    away = np.abs(d - median_filter(d, size=(5, 1), mode="nearest"))
-    wrong = (away > np.maximum(_WRONG * sigma.numpy(), _FAR * per_radius(radius).numpy())).any(-1)
-    if not wrong.any():
-        return table, []
-    poses = ObjectPoses(table.poses.t[~wrong], table.poses.p_WO[~wrong], table.poses.q_WO[~wrong])
-    return replace(table, poses=poses), [table.lines[k] for k in np.flatnonzero(wrong)]
 
 
 def _own_estimates(
