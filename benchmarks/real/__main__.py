@@ -57,17 +57,11 @@ def _mit(cases: Sequence[dict[str, Any]]) -> list[str]:
     rows, means = [], []
     for name in sorted({case["name"] for case in found}):
         of = [case for case in found if case["name"] == name]
-        by = {number: _pooled([case for case in of if case["number"] == number]) for number in (1, 5, 20)}
+        by = [[case for case in of if case["number"] == number] for number in (1, 5, 20)]
+        means.append([_pooled(some) if some else None for some in by])
         cmu = [of[0]["cmu"]["quartic"], of[0]["cmu"]["quadratic"]]
-        means.append([*by.values()])
-        rows.append([name, _pair(of[0]["still"]), *map(_words, by.values()), *map(_pair, cmu)])
-    if means:
-        columns = [
-            f"{np.mean([row[k]['mm'] for row in means]):.2f}, {np.mean([row[k]['deg'] for row in means]):.2f} "
-            f"({100 * np.mean([row[k]['cover'] for row in means]):.0f} %)"
-            for k in range(3)
-        ]
-        rows.append([f"mean of {len(means)}", "", *columns, "", ""])
+        rows.append([name, _pair(of[0]["still"]), *(_words(one) if one else "" for one in means[-1]), *map(_pair, cmu)])
+    rows.append(["mean of those run", "", *map(_mean, zip(*means, strict=True)), "", ""])
     one = f"1 push, {TRIES} tries"
     return markdown(f"pair | stands still | {one} | 5 pushes | 20 pushes | CMU's quartic | CMU's quadratic", rows)
 
@@ -91,6 +85,12 @@ def _others(cases: Sequence[dict[str, Any]]) -> list[str]:
             path = f"{found['path_mm']:.1f}, {found['path_deg']:.1f}"
             rows.append([case["set"], case["number"], found["number"], path, _words(found)])
     return markdown("set | fitted | predicted | over the path | at the end", rows)
+
+
+def _mean(column: Iterable[dict[str, float] | None]) -> str:
+    """Mean over the pairs of a column."""
+    found = [one for one in column if one]
+    return _words({key: float(np.mean([one[key] for one in found])) for key in found[0]}) if found else ""
 
 
 def _pooled(cases: Sequence[dict[str, Any]]) -> dict[str, float]:

@@ -49,7 +49,7 @@ def white_noise(tracks: Sequence[tuple[np.ndarray, np.ndarray]], radius: float) 
 
 
 def checked(table: MeasuredPoses, sigma: Tensor, radius: float) -> tuple[MeasuredPoses, list[int]]:
-    """Table without rows that are far from their neighbours, and the lines of these rows in the file."""
+    """Table without rows that are far from their neighbours by noise sigma (6,), and the lines of these in the file."""
     d = track(table.poses)
     away = np.abs(d - median_filter(d, size=(5, 1), mode="nearest"))
     wrong = (away > np.maximum(_WRONG * sigma.numpy(), _FAR * per_radius(radius).numpy())).any(-1)

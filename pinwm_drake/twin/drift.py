@@ -16,7 +16,7 @@ from pinwm_drake.twin.twin import Twin
 # rim when it turns: before a push is seen, median and standard deviation of the logarithm. Out of the floor's plane it
 # is `OUT_OF_PLANE` of it. From pushes of MuJoCo, Bullet and Drake and real ones, see docs/results/identification.md and
 # docs/results/real.md: round objects turn by what the pusher's friction happens to be.
-WALK, TURN = (9e-3, 0.45), (2.2, 0.5)
+WALK, TURN = (1e-2, 0.35), (2.5, 0.45)
 OUT_OF_PLANE = 0.1
 # Walk and turn that a search chooses from, and those that are told apart when it is done.
 DRIFTS = tuple((walk, turn) for walk in (5e-3, 1e-2, 2e-2) for turn in (1.0, 2.5))
