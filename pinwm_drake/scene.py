@@ -242,20 +242,24 @@ def _turns(trajectory: PusherTrajectory, times: np.ndarray, time_step: float) ->
     return q[:, 0], omega.reshape(W, T - 1, 3)
 
 
-def start_state(scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion) -> tuple[State, Tensor]:
+def start_state(
+    scene: Scene, parameters: Parameters, X_WO: Pose, motion: PusherMotion, V_WO: Tensor | None = None
+) -> tuple[State, Tensor]:
     """State in which rollouts begin, and the pusher's velocities.
 
     Args:
-        scene, parameters, X_WO, motion: As for `rollout_poses`.
+        scene, parameters, X_WO, motion, V_WO: As for `rollout_poses`.
 
     Returns:
         The state of W worlds, and V_WP (T, W, 6) [rad/s; m/s].
     """
-    W = len(X_WO.p)
+    W, p_OB = len(X_WO.p), scene.p_OB + parameters.center[:, 0]
+    V_WB = torch.zeros(W, 6, dtype=torch.float64) if V_WO is None else V_WO.expand(W, 6)
+    V_WB = torch.cat([V_WB[:, :3], V_WB[:, 3:] + torch.linalg.cross(V_WB[:, :3], rotate(X_WO.q, p_OB))], -1)
     start = State(
         q_WB=X_WO.q[:, None],
-        p_WB=transform(X_WO, scene.p_OB + parameters.center[:, 0])[:, None],
-        V_WB=torch.zeros(W, 1, 6, dtype=torch.float64),
+        p_WB=transform(X_WO, p_OB)[:, None],
+        V_WB=V_WB[:, None],
         q_WP=motion.q_WP.expand(W, 4),
         p_WP=motion.p_WP.expand(W, 3),
     )
@@ -269,6 +273,7 @@ def rollout_poses(
     motion: PusherMotion,
     after: Tensor,
     *,
+    V_WO: Tensor | None = None,
     num_threads: int | None = None,
 ) -> Pose:
     """Poses of the object at given times in W worlds; differentiable in theta, the start, and the pusher's motion.
@@ -276,9 +281,10 @@ def rollout_poses(
     Args:
         scene: Model and meshes.
         parameters: theta of W worlds.
-        X_WO: Start, at rest: q (W, 4), p (W, 3), m.
+        X_WO: Start: q (W, 4), p (W, 3), m.
         motion: Motion of the pusher; its tensors may have a leading axis of W where worlds differ (V_WP (T, W, 6)).
         after: (n,), times since the start, s, from 0 to T time steps.
+        V_WO: Velocity at the start, (6,) or (W, 6), [rad/s; m/s] at O; None for an object at rest.
         num_threads: Threads of the physics.
 
     Returns:
@@ -293,7 +299,7 @@ def rollout_poses(
     if not bool(((at >= 0.0) & (at <= steps + 1e-6)).all()):
         last = steps * scene.model.time_step
         raise StateError(f"times of a rollout are {after.min():g} to {after.max():g} s; allowed: 0 to {last:g} s")
-    start, V_WP = start_state(scene, parameters, X_WO, motion)
+    start, V_WP = start_state(scene, parameters, X_WO, motion, V_WO)
     record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
     p_OB = scene.p_OB + parameters.center[:, 0]
     low = at.floor().long().clamp(0, max(steps - 1, 0))

@@ -23,7 +23,7 @@ from pinwm_drake.report.surfels.fit_results import ALIGN_FILE
 from pinwm_drake.report.twin.comparison_frames import Cast, Shot, draw_shots
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.report.twin.score import pose_errors
-from pinwm_drake.twin.predict import TWO_SIDED, predict_poses, predict_spread
+from pinwm_drake.twin.predict import TWO_SIDED, predict_motion
 from pinwm_drake.twin.read import load_twin
 
 _PANEL = 300  # px, longer side
@@ -43,7 +43,7 @@ def record(exhibit: Exhibit, work: Path, out: Path, commands: list[str]) -> None
     """
     twin, capture = load_twin(work / "twin"), load_capture(work / "capture")
     first, second = (read_episode(capture, name) for name in capture.episode_names[:2])
-    predicted, spread = predict_poses(twin, capture, second, None), predict_spread(twin, capture, second, None)
+    predicted, spread = predict_motion(twin, capture, second, None)
     assert second.object_poses is not None
     errors, fitted = pose_errors(predicted, second.object_poses), read_json(work / "twin" / ALIGN_FILE)
     assert errors is not None

@@ -28,7 +28,7 @@ from pinwm_drake.report.style import GREY, TWIN, new_figure, tidy
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin.drift import DRIFT, drift, way
+from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, drift, way
 from pinwm_drake.twin.rollout import rollout_draws
 from pinwm_drake.twin.twin import SURFELS_FILE
 
@@ -84,7 +84,8 @@ def _case(out: Path, number: int) -> Row:
     generator = np.random.default_rng([_SEED, number])
     radius = half_diagonal(thing.mesh())
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(episode.t), radius)[:, -1].numpy()
-    sigma = np.stack([drift(radius, walk).numpy()[[2, 3, 4]] for walk in twin.draws.column(DRIFT)[rows]])
+    drifts = np.stack([twin.draws.column(name)[rows] for name in (DRIFT, DRIFT_TURN)], -1)
+    sigma = np.stack([drift(radius, *one).numpy()[[2, 3, 4]] for one in drifts])
     last = np.column_stack([turn_between(X_WO.q[-1, :1], X_WO.q[-1])[:, 2], X_WO.p[-1, :, :2]])
     last = last + np.sqrt(made)[:, None] * sigma * generator.normal(size=sigma.shape)
     true = episode.object_poses

@@ -23,7 +23,7 @@ from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.report.twin.data import read_ground_truth
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.predict import predict_poses, predict_spread
+from pinwm_drake.twin.predict import predict_motion
 from pinwm_drake.twin.twin import SURFELS_FILE, Estimate, Twin
 
 METHODS = ("ours", "pin-wm", "truth", "still")
@@ -116,8 +116,7 @@ def _true_twin(
 
 
 def _prediction(twin: Twin, capture: Capture, episode: Episode) -> _Errors:
-    poses = predict_poses(twin, capture, episode, None)
-    spread = predict_spread(twin, capture, episode, None)
+    poses, spread = predict_motion(twin, capture, episode, None)
     result = _score(poses, episode)
     if spread is not None:
         result["spread"] = [float(values[-1]) for values in (spread.x, spread.y, spread.yaw)]

@@ -1,29 +1,35 @@
 # SPDX-License-Identifier: MIT
 """Episode of one push: camera, images, the pusher's log and, where they are known, the object's poses."""
 
+import os
 import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import torch
 
 from pinwm_drake.capture.clock import EpisodeClock, read_clock
+from pinwm_drake.capture.episode_tables import FRAMES_FILE, read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
 from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
-from pinwm_drake.capture.episode_tables import read_frame_table, read_object_poses, read_trajectory
 from pinwm_drake.capture.images import read_image, require_size
-from pinwm_drake.capture.scene import EPISODES, Capture, load_capture
+from pinwm_drake.capture.scene import EPISODES, Capture, PoseDocument, load_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
 from pinwm_drake.capture.units import require_computable
-from pinwm_drake.documents import read_json
+from pinwm_drake.documents import Document, FromList, finite, read_json, read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 
-CAMERA_FILE, CAMERAS = "camera.json", "cameras"
+CAMERA_FILE, CAMERAS, START_FILE = "camera.json", "cameras", "start.yaml"
+# Camera of an episode without a film.
+_NO_CAMERA = Camera(1, 1, torch.tensor([1.0, 1.0, 0.5, 0.5], dtype=torch.float64))
+_FASTEST = 1e3  # m/s, rad/s
+_NOWHERE = Pose(torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,18 +57,32 @@ class View:
 class Episode(View):
     """One push of the object, seen by a camera that stands still, and maybe by others.
 
+    An episode without a film has no images; its times are those of the object's poses, or of the pusher's log.
+
     Attributes:
         name: Name of its folder, `episodes/<name>` of the capture.
         trajectory: Poses of the pusher, from the first image to the last or longer.
-        object_poses: Poses of the object; to score, never to fit. None where they are not known.
+        object_poses: Poses of the object; to score, and to fit by `identify --poses` alone. None where not known.
         others: Further cameras, `cameras/<name>` of the folder, in the order of their names.
         clock: How the images' clock was brought to the log's; None where `clock.yaml` is not there.
+        start: Start from `start.yaml`; None for an object that rests where `capture.yaml` says.
     """
 
     trajectory: PusherTrajectory
     object_poses: ObjectPoses | None
     others: tuple[View, ...] = ()
     clock: EpisodeClock | None = None
+    own_start: "Start | None" = None
+
+    @property
+    def start(self) -> Pose | None:
+        """Pose X_WO at the start, q (4,), p (3,) [m], where it has one of its own."""
+        return None if self.own_start is None else self.own_start.X_WO
+
+    @property
+    def start_velocity(self) -> torch.Tensor | None:
+        """Velocity (6,) at the start, [rad/s; m/s] at O, of an object that is thrown; None for one at rest."""
+        return None if self.own_start is None else self.own_start.V_WO
 
     @cached_property
     def views(self) -> tuple[View, ...]:
@@ -73,6 +93,11 @@ class Episode(View):
     def times(self) -> np.ndarray:
         """Times [s] of the images of all cameras, camera by camera."""
         return np.concatenate([view.t for view in self.views])
+
+    def require_film(self) -> None:
+        """Raise InputError where the episode has no images."""
+        if not self.file_names:
+            raise InputError(self.folder, value=f"no {FRAMES_FILE}", allowed="a film, or `pinwm identify --poses`")
 
     def pusher_pose(self, time: float) -> Pose:
         """Pose X_WP of the pusher at a time [s]; see `pose_at`."""
@@ -98,6 +123,8 @@ def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
 def read_episode(capture: Capture, name: str) -> Episode:
     """Read an episode by its name; of its images, only whether they are there.
 
+    One with neither `camera.json` nor `frames.csv` has no film.
+
     Raises:
         InputError: There is no such episode, a file is missing or unreadable, a table has other columns, a
             number is not finite or out of range, times do not increase, a quaternion is not of unit norm, an
@@ -108,12 +135,51 @@ def read_episode(capture: Capture, name: str) -> Episode:
         allowed = ", ".join(capture.episode_names) or "a capture with episodes"
         raise InputError(capture.folder / EPISODES, value=f"no episode {name!a}", allowed=allowed)
     trajectory = read_trajectory(folder)
+    start, poses = read_start(folder), read_object_poses(folder)
+    if not is_filmed(folder):
+        t = trajectory.t if poses is None else poses.t
+        return Episode(name, folder, _NO_CAMERA, _NOWHERE, [], t, trajectory, poses, own_start=start)
     folders = (folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir()))
     own, *others = (
         View(path.name, path, *read_fixed_camera(path), *read_frame_table(path, trajectory.t)) for path in folders
     )
-    poses, clock = read_object_poses(folder), read_clock(folder)
-    return Episode(**vars(own), trajectory=trajectory, object_poses=poses, others=tuple(others), clock=clock)
+    more = {"others": tuple(others), "clock": read_clock(folder), "own_start": start}
+    return Episode(**vars(own), trajectory=trajectory, object_poses=poses, **more)
+
+
+def is_filmed(folder: Path) -> bool:
+    """Flag: an episode's folder has a camera or a table of images."""
+    return any(os.path.lexists(folder / name) for name in (CAMERA_FILE, FRAMES_FILE))
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Start of an object: pose q (4,), p (3,) [m], and velocity (6,) [rad/s; m/s] at O; None for one at rest."""
+
+    X_WO: Pose
+    V_WO: torch.Tensor | None
+
+
+_Speed = Annotated[float, finite(-_FASTEST, _FASTEST)]
+
+
+class _StartDocument(Document):
+    X_WO: PoseDocument
+    V_WO: Annotated[tuple[_Speed, _Speed, _Speed, _Speed, _Speed, _Speed], FromList] | None = None
+
+
+def read_start(folder: Path) -> Start | None:
+    """Return the start of an episode from its `start.yaml`; None where there is no such file.
+
+    Raises:
+        InputError: The file cannot be used.
+    """
+    path = folder / START_FILE
+    if not os.path.lexists(path):
+        return None
+    document = read_yaml(path).read(_StartDocument)
+    V_WO = None if document.V_WO is None else torch.tensor(document.V_WO, dtype=torch.float64)
+    return Start(document.X_WO.pose(), V_WO)
 
 
 def tell_doubts(episode: Episode) -> Episode:
@@ -122,7 +188,7 @@ def tell_doubts(episode: Episode) -> Episode:
     Raises:
         InputError: The times are such that a computation would not end; the message proposes their unit.
     """
-    for doubt in require_computable(episode.folder, episode.t, episode.trajectory):
+    for doubt in require_computable(episode.folder, episode.t if episode.file_names else None, episode.trajectory):
         warnings.warn(str(doubt), UserWarning, stacklevel=2)
     return episode
 

@@ -133,19 +133,19 @@ def _speed(trajectory: PusherTrajectory) -> float:
     return float((np.linalg.norm(np.diff(trajectory.p_WP, axis=0), axis=1) / np.diff(trajectory.t)).max())
 
 
-def require_computable(folder: Path, t: np.ndarray, trajectory: PusherTrajectory) -> list[InputError]:
+def require_computable(folder: Path, t: np.ndarray | None, trajectory: PusherTrajectory) -> list[InputError]:
     """Doubts about the times of an episode that is to be computed.
 
     Args:
         folder: The episode.
-        t: (n,) [s], those of its images.
+        t: (n,) [s], those of its images; None without images.
         trajectory: The pusher's log.
 
     Raises:
         InputError: It lasts more than 300 s, or its images are 5 s apart: a computation would not end.
     """
     doubts = time_doubts(folder, t, trajectory)
-    interval = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    interval = float(np.median(np.diff(t))) if t is not None and len(t) > 1 else 0.0
     if trajectory.t[-1] - trajectory.t[0] > LONGEST[0] or interval > LONGEST[1]:
         raise doubts[0]
     return doubts

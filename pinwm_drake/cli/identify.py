@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: MIT
 """`pinwm identify`: bars, and the values that were found in a table."""
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 from pinwm_drake.cli.console import say, stages_bar
 from pinwm_drake.experiments.requests.identify import IdentifyRequest
@@ -35,7 +36,7 @@ def identify(request: IdentifyRequest) -> None:
         warn_without_effect("pinwm identify", "--directions", ROUND_CONE)
     options, twin = request.options(), request.twin
     _, pushes = read_pushes(request.capture, request.episodes)
-    if not has_surfels(twin):
+    if request.poses is None and not has_surfels(twin):
         say(f"no surfels in {twin}: aligning first")
     if request.resume and not (twin / CHECKPOINT_FILE).exists():
         say(f"no {CHECKPOINT_FILE} in {twin}: starting anew")
@@ -48,6 +49,7 @@ def identify(request: IdentifyRequest) -> None:
                 twin,
                 episodes=request.episodes,
                 options=options,
+                poses=request.poses,
                 resume=request.resume,
                 view=request.view,
                 progress=progress,
@@ -62,13 +64,32 @@ def identify(request: IdentifyRequest) -> None:
         say(force["note"])
     step = result.twin.time_step
     say(f"time step {1e3 * step:.3g} ms: the pusher moves by {1e3 * way_in_a_step(pushes, step):.1f} mm in it at most")
-    if doubt := doubt_words(result.found.loss):
+    if measured := result.twin.provenance.get("poses"):
+        say(_noise(measured))
+    elif doubt := doubt_words(result.found.loss):
         say(f"warning: {doubt}")
+    if frame := result.twin.provenance.get("frame"):
+        say(frame["note"])
     for push, poses in zip(pushes, result.poses, strict=True):
         errors = None if push.object_poses is None else pose_errors(poses, push.object_poses)
         if errors is not None:
-            say(f"episode {push.name}: score against object_poses.csv, which was not used: {errors.words()}")
+            used = "which was not used" if request.poses is None else "whether used or not"
+            say(f"episode {push.name}: score against object_poses.csv, {used}: {errors.words()}")
     say(f"wrote {twin / 'twin.yaml'}; look at it with: pinwm report {twin}")
+
+
+def _noise(measured: dict[str, Any]) -> str:
+    """One line on measured poses: their noise, and the rows that were left out."""
+    x, y, _ = measured["noise"]["position"]
+    words = (
+        f"noise of the measured poses: {500.0 * (x + y):.2f} mm, {math.degrees(measured['noise']['rotation'][2]):.2f}°"
+    )
+    for name, lines in measured["wrong_lines"].items():
+        shown = ", ".join(map(str, lines[:5])) + (", ..." if len(lines) > 5 else "")
+        words += f"; {name}: lines {shown} are far from their neighbours and left out"
+    if number := measured["rows_outside_log"]:
+        words += f"; {number} rows outside of the pusher's log left out"
+    return words
 
 
 def _summary(result: "Identification") -> "Table":

@@ -32,7 +32,8 @@ from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 from pinwm_drake.systems.pusher.choice import choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
-from pinwm_drake.twin.drift import typical_walk
+from pinwm_drake.twin.drift import typical_drift
+from pinwm_drake.twin.frame import Confusion, confusion, drawn_frames, pivot_of
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.rollout import drawn_parameters, rollout_worlds, twin_scene
 from pinwm_drake.twin.twin import THETA, Twin
@@ -41,6 +42,7 @@ _SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their lo
 _LONGEST = 2.0  # s, of a motion
 _AFTERWARDS = 0.4  # s, of video after the pusher stops
 _FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
+_MUCH = 0.5  # of the most information: what a push tells that is chosen for the frame
 _ATTEMPTS = 20  # for each candidate that is to stay in the box
 
 
@@ -52,7 +54,8 @@ class Candidate:
         motion: Motion of the pusher.
         information: Information that a video of it is expected to give, nats.
         position, yaw: Standard deviations by the draws where the object comes to rest, m (in the plane) and rad.
-        remaining: Share of the standard deviation of each parameter's logarithm that is expected to remain, by name.
+        remaining: Share of the standard deviation of each parameter's logarithm that is expected to remain, by name;
+            with "frame", of the robot's frame where draws do not tell it apart from the centre of mass.
         X_WO: Poses of the object by the draws at the end: q (W, 4), p (W, 3) [m].
     """
 
@@ -72,11 +75,13 @@ class Proposal:
         candidates: The pushes, those first that would tell most.
         X_WO: Pose of the object before a push, q (4,), p (3,) [m].
         tolerance: Spread that is good enough: m, rad.
+        confusion: Direction in which frame and centre of mass are not told apart; None where they are.
     """
 
     candidates: list[Candidate]
     X_WO: Pose
     tolerance: tuple[float, float]
+    confusion: Confusion | None = None
 
     @property
     def spread(self) -> tuple[float, float]:
@@ -117,7 +122,8 @@ def next_push(
         report: Called with the share of the pushes that are done.
 
     Returns:
-        The pushes, those first that would tell most.
+        The pushes, those first that would tell most; before them, where frame and centre of mass are not told apart,
+        the one of much information that tells them apart best.
 
     Raises:
         ParameterError: The twin has no draws, a number is out of range, or no push stays in the box.
@@ -130,26 +136,35 @@ def next_push(
     X_WO = X_WO or start_of(twin)
     scene = twin_scene(twin, X_WO.q)
     mesh_W = load_mesh(twin.mesh_path)
-    radius, walk = half_diagonal(mesh_W), typical_walk(twin)
+    radius, walk = half_diagonal(mesh_W), typical_drift(twin)
     X_WO = Pose(X_WO.q, torch.cat([X_WO.p[:2], torch.tensor([resting_height(scene, X_WO.q)], dtype=torch.float64)]))
     mesh_W.apply_transform(pose_to_matrix(X_WO).numpy())
     rows = twin.draws.rows(draws)
     # What is of one push alone tells nothing of the object.
     parameters = drawn_parameters(twin, scene, rows, anew=False)
-    logarithms = _logarithms(twin, rows)
+    logarithms, confused = _logarithms(twin, rows), confusion(twin.draws, X_WO.q)
+    frames = drawn_frames(twin, rows), pivot_of(twin)
+    if confused is not None:
+        along = frames[0][:, 0] * math.cos(confused.angle) + frames[0][:, 1] * math.sin(confused.angle)
+        logarithms["frame"] = along - along.mean()
     generator = np.random.default_rng(seed)
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
     candidates = []
     for k in range(number):
         motion = _draw(mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
         try:
-            candidates.append(_look(scene, parameters, X_WO, motion, logarithms, radius, walk))
+            candidates.append(_look(scene, parameters, frames, X_WO, motion, logarithms, radius, walk))
         except SolverError:
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
-    return Proposal(sorted(candidates, key=lambda one: -one.information), X_WO, tolerance)
+    candidates.sort(key=lambda one: -one.information)
+    if confused is not None:
+        enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
+        best = min(enough, key=lambda one: one.remaining["frame"])
+        candidates.sort(key=lambda one: one is not best)
+    return Proposal(candidates, X_WO, tolerance, confused)
 
 
 def start_of(twin: Twin) -> Pose:
@@ -209,21 +224,22 @@ def _logarithms(twin: Twin, rows: np.ndarray) -> dict[str, torch.Tensor]:
 def _look(
     scene: Scene,
     parameters: Parameters,
+    frames: tuple[torch.Tensor, torch.Tensor],
     X_WO: Pose,
     motion: StraightPush,
     logarithms: dict[str, torch.Tensor],
     radius: float,
-    walk: float,
+    walk: tuple[float, float],
 ) -> Candidate:
-    """Information and spread of a push of an object with a radius [m], by its drift after a way of one metre [m]."""
+    """Information and spread of a push of an object with a radius [m], by its drift; see `drift.typical_drift`."""
     trajectory = trajectory_of(motion)
     t = np.arange(0.0, trajectory.t[-1], 1.0 / _FRAME_RATE)
-    found = rollout_worlds(scene, parameters, X_WO, trajectory, t)
+    found = rollout_worlds(scene, parameters, X_WO, trajectory, t, frames)
     middle = Pose(found.q[:, 0], found.p.mean(1))
     d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
     d = d - d.mean(1, keepdim=True)
     n, W, _ = d.shape
-    root = prior_root(middle, torch.from_numpy(t), radius, walk)
+    root = prior_root(middle, torch.from_numpy(t), radius, *walk)
     white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
     gram = white.T @ white / (W - 1)
     share = torch.linalg.eigvalsh(gram).clamp_min(0.0)

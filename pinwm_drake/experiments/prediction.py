@@ -18,7 +18,7 @@ from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.origin import identified_push, start_pose
-from pinwm_drake.twin.predict import Spread, mismatches, predict_poses, predict_spread
+from pinwm_drake.twin.predict import Spread, mismatches, predict_motion
 from pinwm_drake.twin.read import load_twin
 from pinwm_drake.twin.twin import Twin
 
@@ -59,7 +59,7 @@ class Prediction:
     @property
     def start_shift(self) -> tuple[float, float]:
         """Way [m] and turn [rad] about z from the written start to the one that was found; 0 where none was."""
-        written = self.capture.object.X_WO
+        written = self.capture.object.X_WO if self.episode.start is None else self.episode.start
         if self.start is None:
             return 0.0, 0.0
         turn = float(turn_between(written.q, self.start.q)[2])
@@ -139,9 +139,7 @@ def predict(
     progress("predicting", 0.0, "start of the object" if find_start else "motion")
     start = None
     if find_start:
-        start = locate(found, push, start_pose(found, capture, number))
+        start = locate(found, push, start_pose(found, capture, number, push))
         progress("predicting", 0.3, "motion")
-    poses = predict_poses(found, capture, push, number, start=start)
-    progress("predicting", 0.6, "95 % band")
-    spread = predict_spread(found, capture, push, number, start=start)
+    poses, spread = predict_motion(found, capture, push, number, start=start)
     return Prediction(found, capture, push, number, start, poses, spread, mismatches(found, capture))

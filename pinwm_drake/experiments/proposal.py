@@ -35,7 +35,9 @@ def expectations(twin: Twin, candidate: Candidate) -> list[Expectation]:
     """Return what a push is expected to tell of each parameter with an interval, that which gains most first."""
     found = []
     for name, share in sorted(candidate.remaining.items(), key=lambda item: item[1]):
-        estimate = twin.theta[name]
+        estimate = twin.theta.get(name)
+        if estimate is None:
+            continue
         if estimate.interval is not None and 0.0 < estimate.interval[0] < estimate.interval[1] < math.inf:
             value = min(max(estimate.value, estimate.interval[0]), estimate.interval[1])
             low, high = (value * (end / value) ** share for end in estimate.interval)
@@ -79,6 +81,9 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
         )
     else:
         lines.append("its video is expected to narrow no parameter's interval by much")
+    if proposal.confusion is not None:
+        left = 1e3 * 1.96 * proposal.confusion.spread * best.remaining["frame"]
+        lines.append(f"{proposal.confusion.reason}; after it the frame is expected to be known there to ±{left:.1f} mm")
     lines.append(
         f"the twin's draws differ by {1e3 * best.position:.1f} mm and {math.degrees(best.yaw):.1f}° in where it ends; "
         f"{best.information:.1f} nats of information, the median of {len(proposal.candidates)} pushes is "

@@ -8,23 +8,28 @@ from dataclasses import replace
 from pathlib import Path
 
 from pinwm_drake.capture.episodes import Episode, read_episode, tell_doubts
+from pinwm_drake.capture.measured_poses import MeasuredPoses, poses_file, read_measured_poses
 from pinwm_drake.capture.scene import Capture, load_capture
+from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.write import write_pose_table
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import occupying, prepare_folder
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
 from pinwm_drake.identification.identify import Identification, identify_theta
 from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.pose_fit import identify_poses
 from pinwm_drake.identification.search import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions
+from pinwm_drake.rendering.painted import plain_surfels
 from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.live.page import ProgressPage
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
-from pinwm_drake.spatial.poses import compose, inverse
+from pinwm_drake.spatial.poses import compose, identity, inverse
 from pinwm_drake.twin.origin import seen_start
 from pinwm_drake.twin.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.write import write_twin
@@ -41,6 +46,7 @@ def identify(
     options: IdentifyOptions | None = None,
     fit_options: FitOptions | None = None,
     appearance: Twin | None = None,
+    poses: str | Path | None = None,
     resume: bool = False,
     view: bool = False,
     progress: Progress = silent,
@@ -54,6 +60,9 @@ def identify(
         options: Options of the identification; None for the default ones.
         fit_options: Options of the surfels' fit; None for the default ones.
         appearance: A twin of the same object and static views, whose surfels are used; None for those in `out`.
+        poses: Measured poses of the object to fit to in place of images: a file, for one push, or the name of a file
+            in the folder of each, such as object_poses.csv; see `read_measured_poses`. A capture without static views
+            makes a grey twin then.
         resume: Flag: fit and identification go on from checkpoints in `out`.
         view: Flag: `progress.html` in `out` shows the run while it goes on; see `ProgressPage`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
@@ -67,7 +76,10 @@ def identify(
     path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
     with occupying(out):
-        if appearance is not None:
+        if poses is not None and appearance is None and not (path / "static" / TRANSFORMS).is_file():
+            surfels, offset = plain_surfels(load_mesh(capture.object.mesh_path)), (0.0, 0.0)
+            X_OS = identity()
+        elif appearance is not None:
             surfels, offset = appearance.surfels, appearance.camera_offset
             X_OS = compose(inverse(capture.object.X_WO), seen_start(appearance, capture))
         else:
@@ -92,18 +104,22 @@ def identify(
 
         progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
         options = IdentifyOptions() if options is None else options
-        result = identify_theta(
-            capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
-        )
+        if poses is not None:
+            tables = read_tables(capture, pushes, Path(poses))
+            result = identify_poses(capture, pushes, tables, surfels, offset, options, report=searched)
+        else:
+            result = identify_theta(
+                capture, pushes, surfels, offset, options, X_OS=X_OS, folder=out, resume=resume, report=searched
+            )
         if page is not None:
             pairs = list if last is None else last.pairs
             page.end(f"loss {result.found.loss:.5f} after {result.found.seconds:.0f} s", pairs)
         twin = replace(result.twin, provenance={**result.twin.provenance, **run_provenance()})
         result = replace(result, twin=twin)
-        write_history(out / HISTORY_FILE, result.found.problem.coordinates.names, result.found.log)
+        write_history(out / HISTORY_FILE, result.found.coordinates.names, result.found.log)
         prepare_folder(out / "episodes")
-        for push, poses in zip(pushes, result.poses, strict=True):
-            write_pose_table(out / "episodes" / f"{push.name}.csv", poses)
+        for push, found in zip(pushes, result.poses, strict=True):
+            write_pose_table(out / "episodes" / f"{push.name}.csv", found)
         write_twin(out, twin)
         (out / CHECKPOINT_FILE).unlink(missing_ok=True)
         return result
@@ -123,6 +139,20 @@ def read_pushes(path: Path, episodes: Sequence[str] = ()) -> tuple[Capture, list
     if not capture.episode_names:
         raise InputError(path, value="no folder in episodes/", allowed="a capture with one push or more")
     return capture, [tell_doubts(read_episode(capture, name)) for name in episodes or capture.episode_names[:1]]
+
+
+def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> list[MeasuredPoses]:
+    """Return the measured poses of each push; see `identify`.
+
+    Raises:
+        InputError: A table cannot be used, or there is one file for several pushes.
+    """
+    paths = [poses_file(poses, push) for push in pushes]
+    if len(set(paths)) < len(paths):
+        raise InputError(poses, value=f"one file for {len(pushes)} pushes", allowed="the name of a file in each folder")
+    return [
+        read_measured_poses(path, push.start or capture.object.X_WO) for path, push in zip(paths, pushes, strict=True)
+    ]
 
 
 def has_surfels(folder: Path) -> bool:

@@ -90,6 +90,7 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
         (n, 7): point [m, frame O], when it counts (`pieces.ANYHOW`, UNLESS_FLAT or IF_FLAT), and outward normal of its
         face, zeros for ANYHOW; None where the object does not rest on a flat face.
     """
+    R_WO = _without_yaw(R_WO)
     if face_points(mesh, R_WO) is None:
         return None
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
@@ -119,8 +120,17 @@ def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
     Returns:
         (12, 3), m, frame O, standing out by `PROTRUSION`; None where the object does not rest on a flat face.
     """
-    found = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), np.asarray(R_WO, float).tobytes())
+    found = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), _without_yaw(R_WO).tobytes())
     return None if found is None else found.copy()
+
+
+def _without_yaw(R_WO: np.ndarray) -> np.ndarray:
+    """Return the smallest rotation (3, 3) with the same upward direction in O: a face carries alike at any yaw."""
+    x, y, z = np.round(R_WO[2], 12)
+    if z < -1.0 + 1e-9:
+        return np.diag([1.0, -1.0, -1.0])
+    cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + z))
 
 
 @functools.lru_cache(maxsize=256)

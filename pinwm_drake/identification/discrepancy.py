@@ -26,14 +26,14 @@ from pinwm_drake.twin.drift import drift, per_radius, way
 LASTING, LASTS = 3e-4, 0.3
 
 
-def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float) -> Tensor:
+def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float, turn: float = 1.0) -> Tensor:
     """Root of the prior of the corrections of n poses, K = root root'.
 
     Args:
         X_WO: The poses, q (n, 4), p (n, 3) [m].
         times: (n,), s.
         radius: Radius of the object, m.
-        walk: Drift of a position after a way of one metre, m.
+        walk, turn: Drift of a position after a way of one metre, m, and its factor for a rim that turns.
 
     Returns:
         (6n, 6n), lower triangular; frame by frame rotation vector [rad], then position [m].
@@ -42,7 +42,7 @@ def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float) -> Tensor:
     common = torch.minimum(made[:, None], made[None])
     lasting = torch.exp(-(times[:, None] - times[None]).abs() / LASTS) + 1e-6 * torch.eye(n, dtype=torch.float64)
     K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
-    for axis, (a, b) in enumerate(zip(drift(radius, walk), LASTING * per_radius(radius), strict=True)):
+    for axis, (a, b) in enumerate(zip(drift(radius, walk, turn), LASTING * per_radius(radius), strict=True)):
         K[:, axis, :, axis] = float(a) ** 2 * common + float(b) ** 2 * lasting
     return torch.linalg.cholesky(K.reshape(6 * n, 6 * n))
 

@@ -23,6 +23,7 @@ from pinwm_drake.scene import (
 )
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
+from pinwm_drake.twin.frame import FRAME, moved_motion
 from pinwm_drake.twin.rollout import pusher_impulses
 
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
@@ -38,10 +39,11 @@ class Forward:
 
     scene: Scene
     episode: Episode  # Times of the frames, and the pusher's trajectory
-    X_WO: Pose  # Pose at the start, as the capture states it; q (4,), p (3,) [m]
+    X_WO: Pose  # Pose at the start, as it is known; q (4,), p (3,) [m]
     mass: float  # Nominal mass that inertias count with, kg
     num_threads: int  # of the physics
     chosen: Tensor | None = None  # (m,), indices of the frames whose poses are wanted; None for all n
+    pivot: Tensor | None = None  # (3,) [m], about which the frame of the robot turns; None for the start
 
     @property
     def times(self) -> np.ndarray:
@@ -97,7 +99,7 @@ class Forward:
 
         Returns:
             Times (T + 1, W) [s] by the clock of the pusher's log at which steps begin and end, and impulses (T, W, 3)
-            [N s], world axes.
+            [N s], axes of the log.
 
         Raises:
             SolverError: The physics found no solution in one of the worlds.
@@ -106,12 +108,23 @@ class Forward:
         impulses = pusher_impulses(self.scene, self.parameters(values), X_WO, motion, num_threads=self.num_threads)
         after = self.scene.model.time_step * np.arange(len(impulses) + 1)
         first = float(self.episode.times.min()) + values["time_offset"].detach().numpy()
+        turned = values["frame_yaw"].detach().numpy()
+        back = np.stack([np.cos(turned), np.sin(turned), -np.sin(turned), np.cos(turned)], -1).reshape(-1, 2, 2)
+        impulses[..., :2] = np.einsum("wij,twj->twi", back, impulses[..., :2])
         return after[:, None] + first, impulses
 
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
         X_WO, motion, up = self._start(values)
         after = torch.from_numpy(self.times - self.episode.times.min())
-        found = rollout_poses(self.scene, self.parameters(values), X_WO, motion, after, num_threads=self.num_threads)
+        found = rollout_poses(
+            self.scene,
+            self.parameters(values),
+            X_WO,
+            motion,
+            after,
+            V_WO=self.episode.start_velocity,
+            num_threads=self.num_threads,
+        )
         return Pose(found.q, found.p + up)
 
     def _start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
@@ -120,11 +133,17 @@ class Forward:
         z = torch.zeros(W, dtype=torch.float64)
         turn = quaternion_exp(torch.stack([z, z, values["start_yaw"]], -1))
         q_WO = quaternion_multiply(turn, self.X_WO.q.expand(W, 4))
-        rest = resting_height(self.scene, self.X_WO.q)
-        p_WO = torch.stack([self.X_WO.p[0] + values["start_x"], self.X_WO.p[1] + values["start_y"], z + rest], -1)
+        thrown = self.episode.start_velocity is not None
+        rest = float(self.X_WO.p[2]) if thrown else resting_height(self.scene, self.X_WO.q)
+        # What is thrown starts where it was seen, over a floor that is raised.
+        height = rest - values["lift"] if thrown else z + rest
+        p_WO = torch.stack([self.X_WO.p[0] + values["start_x"], self.X_WO.p[1] + values["start_y"], height], -1)
         raised = float(self.X_WO.p[2]) - rest + values["lift"]
         up = torch.stack([z, z, raised], -1)
         motion = self._motion(values["time_offset"])
+        frame = torch.stack([values[name] for name in FRAME], -1)
+        if frame.requires_grad or bool(frame.any()):
+            motion = moved_motion(motion, frame, self.X_WO.p if self.pivot is None else self.pivot)
         return Pose(q_WO, p_WO), PusherMotion(motion.q_WP, motion.p_WP - up, motion.V_WP), up
 
     def _motion(self, offset: Tensor) -> PusherMotion:

@@ -2,9 +2,11 @@
 """Identification of a twin from one push or more and an appearance: theta with intervals, through the images."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 from torch import Tensor
 
@@ -21,7 +23,7 @@ from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import read_footage
 from pinwm_drake.identification.posterior import estimates, kept_draws
-from pinwm_drake.identification.search import Found, Progress, Search, Task, frame_numbers
+from pinwm_drake.identification.search import Outcome, Progress, Search, Task, frame_numbers
 from pinwm_drake.identification.time_step import time_step_of
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.rendering.surfels import Surfels
@@ -30,6 +32,7 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
 from pinwm_drake.threads import one_torch_thread
 from pinwm_drake.twin.document import to_plain
+from pinwm_drake.twin.frame import confusion
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
 from pinwm_drake.twin.twin import Twin, assemble_twin
 
@@ -51,7 +54,7 @@ class Identification:
     """
 
     twin: Twin
-    found: Found
+    found: Outcome
     poses: list[ObjectPoses]
 
 
@@ -105,9 +108,13 @@ def identify_theta(
         pusher = pusher_surface(capture.pusher)
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
-        starts = [find_start(footage, surfels, X_WO, radius, num_threads=number) for footage in footages]
+        own = [X_WO if episode.start is None else episode.start for episode in pushes]
+        starts = [find_start(*one, radius, num_threads=number) for one in zip(footages, repeat(surfels), own)]
         coordinates = _coordinates(capture, options, scene, mass, starts, pushes)
-        forwards = [Forward(scene, episode, X_WO, mass, number) for episode in pushes]
+        forwards = [
+            Forward(scene, episode, start, mass, number, pivot=written.p)
+            for episode, start in zip(pushes, own, strict=True)
+        ]
         task = Task(footages, forwards, surfels, coordinates, starts, number)
         about = {
             "capture": origin.sha256,
@@ -122,23 +129,59 @@ def identify_theta(
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
+    about = {**origin.to_provenance(), **registration_entry(written, X_WO)}
+    twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about)
+    twin = with_mass(twin, scale)
+    poses = [
+        ObjectPoses(episode.t, X.p[: len(episode.t)].numpy(), X.q[: len(episode.t)].numpy())
+        for episode, X in zip(pushes, found.poses, strict=True)
+    ]
+    return Identification(twin, found, poses)
+
+
+def found_twin(
+    capture: Capture,
+    scene: Scene,
+    found: Outcome,
+    options: IdentifyOptions,
+    surfels: Surfels,
+    camera_offset: tuple[float, float],
+    mass: float,
+    X_WO: Pose,
+    about: Mapping[str, Any],
+    *,
+    q_WO: Tensor | None = None,
+) -> Twin:
+    """Return the twin of an outcome, with its estimates; arguments are those of `identify_theta`.
+
+    The mass [kg] is that for which inertias are given, X_WO the pose q (4,), p (3,) [m] of the object at rest, and
+    `about` the entries of the provenance that tell where the twin is from; q_WO (4,) is the orientation in which it
+    was pushed, where that is another one.
+    """
+    coordinates = found.coordinates
     known = capture.object.mass is not None and "mass" not in options.held
     theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
+    draws = kept_draws(coordinates, found.posterior, scene, mass)
     # The lift is told against the floor; the search counts it from where the capture has the object.
     extra = float(X_WO.p[2]) - resting_height(scene, X_WO.q)
     lift = nuisance["lift"]
     ends = None if lift.interval is None else (lift.interval[0] + extra, lift.interval[1] + extra)
     nuisance["lift"] = replace(lift, value=lift.value + extra, interval=ends)
+    confused = confusion(draws, X_WO.q if q_WO is None else q_WO)
+    if confused is not None:
+        for name in ("frame_x", "frame_y", "center_x", "center_y"):
+            nuisance[name] = replace(nuisance[name], note=confused.words)
     about = {
-        **origin.to_provenance(),
-        **registration_entry(written, X_WO),
+        **about,
         "seed": options.seed,
         "loss": found.loss,
         "coarse_losses": found.coarse_losses,
         "seconds": round(found.seconds, 2),
         "options": to_plain(asdict(options)),
     }
-    twin = assemble_twin(
+    if confused is not None:
+        about["frame"] = asdict(confused) | {"note": confused.words}
+    return assemble_twin(
         capture,
         surfels,
         camera_offset,
@@ -146,16 +189,10 @@ def identify_theta(
         nuisance,
         about,
         lift=nuisance["lift"].value,
-        time_step=step,
-        draws=kept_draws(coordinates, found.posterior, scene, mass),
+        time_step=scene.model.time_step,
+        draws=draws,
         acts_as=scene.acts_as,
     )
-    twin = with_mass(twin, scale)
-    poses = [
-        ObjectPoses(episode.t, X.p[: len(episode.t)].numpy(), X.q[: len(episode.t)].numpy())
-        for episode, X in zip(pushes, found.poses, strict=True)
-    ]
-    return Identification(twin, found, poses)
 
 
 def distinct_pushes(episodes: Episode | Sequence[Episode]) -> tuple[Episode, ...]:
@@ -187,6 +224,19 @@ def capture_scene(capture: Capture, time_step: float, *, facets: bool = False) -
     )
 
 
+def chosen_unknowns(
+    capture: Capture, options: IdentifyOptions, scene: Scene, mass: float
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Names of the free unknowns, and values of others; the spread of the pressure is held where it is chosen."""
+    free, held = options.names, {"mass": mass, **options.held}
+    if options.support != "auto":
+        free = tuple(name for name in free if name not in _SUPPORT)
+        R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
+        spread = corner_spread(scene.mesh, R_WO) if options.support == "corners" else (1.0, 1.0, 1.0)
+        held |= dict(zip(_SUPPORT, spread, strict=True))
+    return free, held
+
+
 def _coordinates(
     capture: Capture,
     options: IdentifyOptions,
@@ -195,17 +245,12 @@ def _coordinates(
     starts: Sequence[Tensor],
     pushes: Sequence[Episode],
 ) -> Coordinates:
-    """Return the unknowns, with the spread of the pressure held where the support is chosen.
+    """Return the unknowns.
 
     A camera is as far off as the object that it shows is away from where the static views have it; starts (3,) are what
     `find_start` found. Where the clock of a push was found, its offset is as sure as that is.
     """
-    free, held = options.names, {"mass": mass, **options.held}
-    if options.support != "auto":
-        free = tuple(name for name in free if name not in _SUPPORT)
-        R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
-        spread = corner_spread(scene.mesh, R_WO) if options.support == "corners" else (1.0, 1.0, 1.0)
-        held |= dict(zip(_SUPPORT, spread, strict=True))
+    free, held = chosen_unknowns(capture, options, scene, mass)
     far = [float(d[:2].norm()) if bool((d.abs() <= LIMIT).all()) else 0.0 for d in starts]
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
     clocks = [{} if push.clock is None else {"time_offset": max(push.clock.deviation, _CLOCK)} for push in pushes]

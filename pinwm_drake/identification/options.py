@@ -55,7 +55,7 @@ class IdentifyOptions:
             group=ADVANCED,
             unit="s",
             ge=1e-5,
-            le=0.05,
+            le=0.1,
             default="1/240, or less where the pusher moves by over 5 mm in it",
         ),
     ] = None

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Pictures of a push at one resolution, and the pixels on which they can be compared with a rendering."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -100,6 +101,7 @@ def read_footage(
     Raises:
         InputError: An image cannot be read, or none shows the object.
     """
+    episode.require_film()
     images = [
         (view, name, t) for view in episode.views for name, t in zip(view.file_names, view.t.tolist(), strict=True)
     ]
@@ -122,7 +124,14 @@ def _cut(view: View, t: float, image: np.ndarray, mask: np.ndarray) -> Frame:
     return Frame(view, t, int(columns[0]), int(rows[0]), pixels)
 
 
-def make_pictures(footage: Footage, size: float, *, together: bool, late: float = 0.0) -> Pictures:
+def make_pictures(
+    footage: Footage,
+    size: float,
+    *,
+    together: bool,
+    late: float = 0.0,
+    placed: Callable[[Pose], Pose] = lambda X_WP: X_WP,
+) -> Pictures:
     """Pictures of one resolution, in which the object is cut out.
 
     Args:
@@ -131,6 +140,7 @@ def make_pictures(footage: Footage, size: float, *, together: bool, late: float 
         together: Whether all frames of a camera share one box, around everything that the object swept; else each has
             its own.
         late: By how much the frames' clock is behind that of the pusher's log, s, for where the pusher hides pixels.
+        placed: Function from a pose of the pusher's log to that in the world of the pictures, for the same.
 
     Returns:
         The pictures, all of one size.
@@ -140,7 +150,7 @@ def make_pictures(footage: Footage, size: float, *, together: bool, late: float 
     width, height = (int(max(extent[axis] for _, extent in boxes)) + 1 for axis in range(2))
     corners = [box for found, _ in boxes for box in found]
     parts = [
-        _picture(footage, frame, box, (width, height), factor, late)
+        _picture(footage, frame, box, (width, height), factor, placed(footage.episode.pusher_pose(frame.t + late)))
         for frame, box in zip(footage.frames, corners, strict=True)
     ]
     cut, behind, intrinsics = (torch.stack(part) for part in zip(*parts, strict=True))
@@ -175,7 +185,7 @@ def _scaled_boxes(footage: Footage, view: View, factor: float, together: bool) -
 
 
 def _picture(
-    footage: Footage, frame: Frame, middle: np.ndarray, size: tuple[int, int], factor: float, late: float
+    footage: Footage, frame: Frame, middle: np.ndarray, size: tuple[int, int], factor: float, X_WP: Pose
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Picture (H, W, 4) of a frame, hidden pixels (H, W) float32, and intrinsics (4,)."""
     width, height = size
@@ -190,7 +200,7 @@ def _picture(
         pixels = frame.pixels.astype(np.float32) / 255.0
         pixels[..., :3] -= 1.0  # what is outside of the part is white
         cut += np.einsum("ir,rck,jc->ijk", rows, pixels, columns, optimize=True)
-    X_CP = compose(inverse(frame.view.X_WC), footage.episode.pusher_pose(frame.t + late))
+    X_CP = compose(inverse(frame.view.X_WC), X_WP)
     behind = hidden(footage.pusher, camera, X_CP).astype(np.float32)
     return torch.from_numpy(cut), torch.from_numpy(behind), camera.intrinsics
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Posterior of the unknowns as draws, and the estimates of a twin that follow from them."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +11,12 @@ from pinwm_drake.identification.forward import inertia
 from pinwm_drake.identification.pictures import spaced
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
 from pinwm_drake.scene import Scene
-from pinwm_drake.twin.drift import DRIFT, WALKS
+from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, FINE_DRIFTS
 from pinwm_drake.twin.twin import THETA, Draws, Estimate
 
 _PRIOR_DRAWS = 4000
 # Draws that a twin keeps.
 KEPT = 400
-# Those that tell how likely each drift is.
-_SHARED = 48
 # An estimate is identifiable where the images narrow its prior to less than half, and its standard deviation, by its
 # value, is below this; where the value is zero, by this one of a quantity between 0 and 1.
 _NARROWED, PRECISE, _ZERO = 0.5, 0.3, 0.1
@@ -27,6 +24,7 @@ _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are ob
 _RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
 _PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
 _DRIFT_NOTE = "standard deviation of what no parameter explains, after a way of one metre"
+_TURN_NOTE = "factor of that for the rim of an object that turns"
 _MOMENTS = {"inertia_xx": ("yy", "zz"), "inertia_yy": ("xx", "zz"), "inertia_zz": ("xx", "yy")}
 
 
@@ -37,16 +35,17 @@ class Posterior:
     z: Tensor  # (p,), what stands for it
     draws: Tensor  # (N, p)
     kept: Tensor  # (m, p), at most `KEPT` of the draws, evenly spaced
-    walks: Tensor  # (m,), the drift of each of these, m: see `twin/drift.py`
+    drifts: Tensor  # (m, 2), walk [m] and turn of each of these: see `twin/drift.py`
 
     @staticmethod
-    def of(z: Tensor, draws: Tensor, shares: Callable[[Tensor], Tensor], generator: torch.Generator) -> "Posterior":
-        """Return the posterior with draws (N, p), and the function of each drift's likelihood (W, K)."""
+    def of(z: Tensor, draws: Tensor, shares: Tensor, generator: torch.Generator) -> "Posterior":
+        """Return the posterior with draws (N, p), and the probability (K,) of each of `drift.FINE_DRIFTS`.
+
+        The drift hardly depends on the other unknowns.
+        """
         kept = draws[spaced(len(draws), KEPT)]
-        # The drift hardly depends on the other unknowns.
-        chances = shares(draws[spaced(len(draws), _SHARED)]).mean(0)
-        chosen = torch.multinomial(chances, len(kept), replacement=True, generator=generator)
-        return Posterior(z, draws, kept, torch.tensor(WALKS, dtype=torch.float64)[chosen])
+        chosen = torch.multinomial(shares, len(kept), replacement=True, generator=generator)
+        return Posterior(z, draws, kept, torch.tensor(FINE_DRIFTS, dtype=torch.float64)[chosen])
 
 
 def estimates(
@@ -92,8 +91,11 @@ def estimates(
             nuisance[name] = Estimate(value, None, False, unit, "held")
         else:
             nuisance[name] = _estimate(value, after[name], before[name], unit, physical=False)
-    walks = posterior.walks.numpy()
-    nuisance[DRIFT] = Estimate(float(walks.mean()), interval(walks, float(walks.mean())), True, "m", _DRIFT_NOTE)
+    for name, unit, note, values in (
+        (DRIFT, "m", _DRIFT_NOTE, posterior.drifts[:, 0].numpy()),
+        (DRIFT_TURN, "1", _TURN_NOTE, posterior.drifts[:, 1].numpy()),
+    ):
+        nuisance[name] = Estimate(float(values.mean()), interval(values, float(values.mean())), True, unit, note)
     return theta, nuisance
 
 
@@ -102,8 +104,8 @@ def kept_draws(coordinates: Coordinates, posterior: Posterior, scene: Scene, mas
     values = _quantities(coordinates, posterior.kept, scene, mass)
     shared = [name for name in values if name in THETA or (name in UNKNOWNS and UNKNOWNS[name].shared)]
     names = [name for name in shared if not name.startswith("moment_")]
-    columns = [values[name] for name in names] + [posterior.walks.numpy()]
-    return Draws([*names, DRIFT], np.stack(columns, -1))
+    columns = [values[name] for name in names] + list(posterior.drifts.numpy().T)
+    return Draws([*names, DRIFT, DRIFT_TURN], np.stack(columns, -1))
 
 
 def _quantities(coordinates: Coordinates, z: Tensor, scene: Scene, mass: float) -> dict[str, np.ndarray]:

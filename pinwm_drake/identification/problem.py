@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """The loss of W guesses of the unknowns: physics, rendering and comparison put together, for one push or several."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -32,18 +34,37 @@ class FilmedEpisode:
         return len(self.pictures.color)
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """Model that is to explain one or more pushes of an object: unknowns, physics and renderer."""
+class Push(Protocol):
+    """One push that is to be explained by the physics."""
 
-    pushes: tuple[FilmedEpisode, ...]  # in the order of the unknowns' columns
+    @property
+    def forward(self) -> Forward:
+        """Physics of the push."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number n of frames or poses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Model that is to explain one or more pushes of an object: unknowns and physics."""
+
+    pushes: Sequence[Push]  # in the order of the unknowns' columns
     coordinates: Coordinates
-    num_threads: int  # of the renderer
 
     @property
     def radius(self) -> float:
         """Radius of the object [m]: half the diagonal of its mesh's box."""
         return half_diagonal(self.pushes[0].forward.scene.mesh)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem(Explained):
+    """Model that is to explain the videos of pushes: unknowns, physics and renderer."""
+
+    pushes: tuple[FilmedEpisode, ...]
+    num_threads: int  # of the renderer
 
     def frame_losses(self, z: Tensor, blocks: tuple[int, ...]) -> list[Tensor]:
         """Mean squares of every frame for W guesses.

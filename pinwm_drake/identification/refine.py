@@ -16,18 +16,11 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
-from pinwm_drake.identification.problem import FilmedEpisode, Problem
+from pinwm_drake.identification.objective import LEAST_GAIN, Objective
+from pinwm_drake.identification.problem import Problem
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import CHANCES, WALKS
+from pinwm_drake.twin.drift import DRIFTS
 
-# Step of the differences by an unknown, in z. That is 1 to 2 %: pushes that begin or end within another time step make
-# poses a sawtooth of theta below that.
-STEP_Z = 0.06
-_DAMPINGS = (0.1, 1.0, 10.0)
-_FIRST_DAMPING, _MOST_DAMPING = 1e-2, 1e6
-_INNER = 8
-# A gain of the objective below this ends a search.
-_LEAST_GAIN = 0.02
 # Frames whose loss is larger than this many times the median count less (Student's t of this many degrees of freedom).
 _DEGREES = 4.0
 # Relative ridge of the poses that would explain a frame best, and the least share of its loss that is noise.
@@ -37,113 +30,25 @@ _SHARES = (1.0, 0.5, 0.2)
 
 
 @dataclass(frozen=True, eq=False)
-class Surrogate:
-    """Objective of the unknowns without the renderer: minus the logarithm of their posterior, up to a constant."""
+class Surrogate(Objective):
+    """Objective of the unknowns without the renderer."""
 
     problem: Problem
-    expansions: list[Expansion]  # Images around poses, of each push
-    # Weighted, the corrections integrated out; of each push, one for each of `drift.WALKS`
-    marginals: list[list[Marginal]]
 
-    @property
-    def loss(self) -> float:
-        """Mean squares of the images at the expansions' poses, mean over frames."""
-        return float(torch.cat([expansion.loss for expansion in self.expansions]).mean())
+    def marginal(self, push: int, walk: float, turn: float) -> Marginal:
+        """Quadratic loss of a push; see `Objective`."""
+        expansion, weight = self.expansions[push], weights_of(self.expansions)[push]
+        times = torch.from_numpy(self.problem.pushes[push].forward.times)
+        prior = prior_root(expansion.X_WO, times, self.problem.radius, walk, turn)
+        return Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
 
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
-        """Deviations (W, 6n + 1) of guesses z (W, p) from the expansion of a push, and (W,) bool: solved."""
+        """Deviations (W, 6n + 1) of guesses z (W, p) from the images' expansion of a push, and (W,) bool: solved."""
         values, expansion = self.problem.coordinates.values(z, push), self.expansions[push]
         X_WO, alive = self.problem.pushes[push].forward.shown(values)
         at = Pose(expansion.X_WO.q[:, None], expansion.X_WO.p[:, None])
         poses = deviation(X_WO, at).transpose(0, 1).reshape(len(z), -1)
         return torch.cat([poses, (values["outline"] / expansion.outline).log()[:, None]], -1), alive
-
-    @torch.no_grad()
-    def objective(self, z: Tensor) -> Tensor:
-        """Objective (W,) of guesses z (W, p); infinite where the physics found no solution."""
-        return self.problem.coordinates.penalty(z) - torch.logsumexp(self._likelihoods(z), -1)
-
-    @torch.no_grad()
-    def shares(self, z: Tensor) -> Tensor:
-        """Probabilities (W, K) of each of `drift.WALKS`, given guesses z (W, p)."""
-        return torch.softmax(self._likelihoods(z), -1)
-
-    def _likelihoods(self, z: Tensor) -> Tensor:
-        """Logarithms (W, K) of the likelihood of guesses z (W, p) with each walk; minus infinite where unsolved."""
-        found = [self.deviations(z, push) for push in range(len(self.marginals))]
-        alive = torch.stack([alive for _, alive in found]).all(0)
-        return torch.where(alive[:, None], self._weighed([u for u, _ in found]), -torch.inf)
-
-    def _weighed(self, deviations: Sequence[Tensor]) -> Tensor:
-        """Logarithms (W, K) of the likelihood of each walk, by the deviations (W, 6n + 1) of each push."""
-        total = torch.tensor(CHANCES, dtype=torch.float64).log().expand(len(deviations[0]), -1)
-        for u, marginals in zip(deviations, self.marginals, strict=True):
-            total = total - torch.stack([marginal.loss(u) for marginal in marginals], -1)
-        return total
-
-    @torch.no_grad()
-    def quadratic(self, z: Tensor) -> tuple[Tensor, Tensor]:
-        """Curvature (p, p) (Gauss-Newton) and gradient (p,) of the objective at z (p,), by differences."""
-        coordinates = self.problem.coordinates
-        A, g = coordinates.precision.clone(), coordinates.precision @ z
-        slopes, middles = [], []
-        for push in range(len(self.marginals)):
-            D, u = self._slopes(z, push)
-            slopes.append(D)
-            middles.append(u)
-        shares = torch.softmax(self._weighed([u[None] for u in middles]), -1)[0].nan_to_num().tolist()
-        for push, (D, u, marginals) in enumerate(zip(slopes, middles, self.marginals, strict=True)):
-            index = torch.tensor(coordinates.columns(push))
-            for share, marginal in zip(shares, marginals, strict=True):
-                A[index[:, None], index] += share * (D @ marginal.A @ D.T)
-                g[index] += share * (D @ (marginal.A @ u + marginal.b))
-        return A, g
-
-    def _slopes(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
-        """Differences (m, 6n + 1) of a push's deviations by its unknowns, at z (p,), and the deviations there."""
-        coordinates = self.problem.coordinates
-        columns = coordinates.columns(push)
-        m = len(columns)
-        steps = STEP_Z * torch.eye(len(z), dtype=torch.float64)[columns]
-        trial = coordinates.clamp(torch.cat([z[None], z + steps, z - steps]))
-        u, alive = self.deviations(trial, push)
-        # One-sided where a side has no solution; 0, as unobservable, where neither has.
-        up = torch.where(alive[1 : m + 1], torch.arange(1, m + 1), 0)
-        down = torch.where(alive[m + 1 :], torch.arange(m + 1, 2 * m + 1), 0)
-        span = (trial[up] - trial[down])[torch.arange(m), columns]
-        return torch.where(span[:, None] > 0.0, (u[up] - u[down]) / span.clamp_min(1e-9)[:, None], 0.0), u[0]
-
-    @torch.no_grad()
-    def minimise(self, z: Tensor, iterations: int = _INNER) -> Tensor:
-        """Unknowns (p,) that minimise the objective, from z (p,) on, by Levenberg-Marquardt."""
-        damping, best = _FIRST_DAMPING, float(self.objective(z[None])[0])
-        model = None
-        for _ in range(iterations):
-            A, g = model = self.quadratic(z) if model is None else model
-            dampings = torch.tensor([damping * factor for factor in _DAMPINGS], dtype=torch.float64)
-            steps = torch.stack([torch.linalg.solve(A + k * torch.diag(A.diagonal()), -g) for k in dampings])
-            trial = self.problem.coordinates.clamp(z + steps)
-            values = self.objective(trial)
-            first = int(values.argmin())
-            if float(values[first]) < best:
-                gain, best = best - float(values[first]), float(values[first])
-                z, damping, model = trial[first], max(float(dampings[first]), 1e-6), None
-                if gain < _LEAST_GAIN:
-                    break
-            else:
-                damping *= 30.0
-                if damping > _MOST_DAMPING:
-                    break
-        return z
-
-    def walk(self, z: Tensor) -> int:
-        """Return the number of the likeliest of `drift.WALKS`, given unknowns z (p,)."""
-        return int(self.shares(z[None])[0].argmax())
-
-    def corrections(self, z: Tensor, walk: int) -> list[Tensor]:
-        """Return likeliest corrections (n, 6) of each push's poses for unknowns z (p,) and a walk of `drift.WALKS`."""
-        found = (self.deviations(z[None], push)[0][0] for push in range(len(self.marginals)))
-        return [marginals[walk].corrections(u) for marginals, u in zip(self.marginals, found, strict=True)]
 
 
 @dataclass
@@ -163,12 +68,6 @@ class RefineState:
         return RefineState(0, z, torch.zeros(n, 6, dtype=torch.float64), float("inf"), False)
 
 
-def _priors(problem: Problem, push: FilmedEpisode, expansion: Expansion) -> list[Tensor]:
-    """Roots of the priors of a push's corrections for each of `drift.WALKS`, along the way of an expansion's poses."""
-    times = torch.from_numpy(push.forward.times)
-    return [prior_root(expansion.X_WO, times, problem.radius, walk) for walk in WALKS]
-
-
 @torch.no_grad()
 def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate | None:
     """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution."""
@@ -184,14 +83,7 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-    marginals = [
-        [
-            Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
-            for prior in _priors(problem, push, expansion)
-        ]
-        for push, expansion, weight in zip(problem.pushes, expansions, weights_of(expansions), strict=True)
-    ]
-    return Surrogate(problem, expansions, marginals)
+    return Surrogate(problem, expansions)
 
 
 def refine(
@@ -224,9 +116,9 @@ def refine(
             after = surrogate_at(problem, z, corrections)
             if after is None:
                 continue
-            if joint_loss(problem, z, corrections, after.expansions, weights, walk) < last + _LEAST_GAIN:
+            if joint_loss(problem, z, corrections, after.expansions, weights, walk) < last + LEAST_GAIN:
                 state.z, state.corrections, surrogate = z, corrections, after
-                state.done = gain < _LEAST_GAIN and share == 1.0
+                state.done = gain < LEAST_GAIN and share == 1.0
                 break
         report(state)
     if surrogate is not None:
@@ -250,12 +142,13 @@ def joint_loss(
         corrections: Of all pushes together.
         expansions: Images at the corrected poses, of each push.
         weights: (n,) of each push's frames, as `weights_of` gives them.
-        walk: Number of one of `drift.WALKS`, for the corrections' prior.
+        walk: Number of one of `drift.DRIFTS`, for the corrections' prior.
     """
     counts = [push.num_frames for push in problem.pushes]
     total = float(problem.coordinates.penalty(z))
     for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
-        root = _priors(problem, push, expansion)[walk]
+        times = torch.from_numpy(push.forward.times)
+        root = prior_root(expansion.X_WO, times, problem.radius, *DRIFTS[walk])
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

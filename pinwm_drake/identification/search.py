@@ -8,6 +8,7 @@ search goes on where it was, and comes to the same result.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,8 @@ from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import WALKS
+from pinwm_drake.twin.drift import DRIFTS
+from pinwm_drake.twin.frame import FRAME, moved_pose
 
 # A start whose coarse loss is within this factor of the best one is refined, and at most so many of them.
 _CLOSE, _REFINED = 1.5, 2
@@ -62,20 +64,27 @@ class Progress:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Outcome:
     """Unknowns that a search found, with its losses and its log."""
 
-    problem: Problem  # The pushes, on the largest pictures
+    coordinates: Coordinates
     posterior: Posterior  # Draws of the unknowns, and what stands for them
-    loss: float  # Mean square of the largest pictures, at the corrected poses
+    loss: float  # Mean square of the largest pictures, at the corrected poses; of poses see `pose_fit.py`
     poses: list[Pose]  # X_WO by the model in the frames of each push: q (n, 4), p (n, 3) [m]
+    coarse_losses: list[float]  # Losses of all starts after the coarse stage
+    log: Log
+    seconds: float  # Time taken, all runs together
+
+
+@dataclass(frozen=True, eq=False)
+class Found(Outcome):
+    """Outcome of a search in images."""
+
+    problem: Problem  # The pushes, on the largest pictures
     # The likeliest corrections of the poses in the frames of `problem`, of each push: (m, 6), rotation vectors
     # [rad] and positions [m]
     corrections: list[Tensor]
-    coarse_losses: list[float]  # Losses of all starts after the coarse stage
     start: int  # Number of the start that led to the result
-    log: Log
-    seconds: float  # Time taken, all runs together
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +113,11 @@ class Task:
             chosen = spaced(len(footage.episode.times), most)
             forward = replace(forward, chosen=chosen)
             values = None if z is None else self.coordinates.values(z[None], number)
-            late = 0.0 if values is None else float(values["time_offset"])
-            pictures = make_pictures(footage.some(chosen), size, together=z is None, late=late)
+            late, frame = 0.0, torch.zeros(3, dtype=torch.float64)
+            if values is not None:
+                late, frame = float(values["time_offset"]), torch.cat([values[name] for name in FRAME]).detach()
+            placed = partial(moved_pose, frame=frame, pivot=forward.X_WO.p if forward.pivot is None else forward.pivot)
+            pictures = make_pictures(footage.some(chosen), size, together=z is None, late=late, placed=placed)
             surfels = self._lit(pictures, forward, values)
             pushes.append(FilmedEpisode(forward, pictures, surfels))
         return Problem(tuple(pushes), self.coordinates, self.num_threads)
@@ -270,8 +282,11 @@ class Search:
                 )
             poses.append(X_WO)
         return Found(
+            coordinates=self.coordinates,
             problem=surrogate.problem,
-            posterior=Posterior.of(z, draws, surrogate.shares, torch.Generator().manual_seed(self.options.seed)),
+            posterior=Posterior.of(
+                z, draws, surrogate.fine_shares(z), torch.Generator().manual_seed(self.options.seed)
+            ),
             loss=state.loss,
             poses=[Pose(X.q[:, 0], X.p[:, 0]) for X in poses],
             corrections=surrogate.corrections(z, surrogate.walk(z)),
@@ -314,7 +329,7 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
     def loss(one: tuple[Surrogate, RefineState, int]) -> float:
         surrogate, state, _ = one
         # With the widest drift, which allows any of them.
-        walk = len(WALKS) - 1
+        walk = len(DRIFTS) - 1
         return joint_loss(surrogate.problem, state.z, state.corrections, surrogate.expansions, weights, walk)
 
     return min(alive, key=loss)

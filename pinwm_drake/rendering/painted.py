@@ -31,6 +31,7 @@ _ROW_GAP, _FILL_GAP = 0.9, 2.0
 # Where the tip of a surfel along a crease, so many scales from its middle, is beside the mesh, it gets shorter.
 _TIP, _SHORTER = 1.5, 0.5
 _FEWEST = 100
+_GREY = 0.6  # sRGB
 _JOIN = 1e-8  # m: corners nearer to each other are one
 _ROWS = 64  # points that are looked up in the faces at once
 
@@ -54,9 +55,19 @@ def painted_surfels(visual_path: Path, number: int = 2500, *, seed: int = 0) -> 
             without a material, or a material with a texture.
         RenderingError: The number is out of range.
     """
+    mesh, colours = _read(visual_path)
+    return _over(mesh, colours, number, seed)
+
+
+def plain_surfels(mesh: trimesh.Trimesh, number: int = 1000, *, seed: int = 0) -> Surfels:
+    """Opaque grey surfels all over a mesh [m], for an object whose appearance is not known; see `painted_surfels`."""
+    return _over(mesh, np.full((len(mesh.faces), 3), _GREY), number, seed)
+
+
+def _over(mesh: trimesh.Trimesh, colours: np.ndarray, number: int, seed: int) -> Surfels:
+    """Surfels all over a mesh [m] in the colours (m, 3) of its faces."""
     if number < _FEWEST:
         raise RenderingError(f"painted_surfels got number={number}; allowed: 100 or more")
-    mesh, colours = _read(visual_path)
     generator = np.random.default_rng(seed)
     step = float(mesh.extents.max()) / _STEPS
     creases = cKDTree(_crease_points(mesh, 0.5 * step))

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Departures of a push from the physics of a twin: a random walk along its way, and frictions of its own."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -9,16 +12,20 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.twin import Twin
 
-# Standard deviations of a position after a way of one metre [m] that an object may have, and how likely each is before
-# its video is seen; an angle's is this over the object's radius. Out of the floor's plane it is `OUT_OF_PLANE` of it.
-# From pushes of MuJoCo, Bullet and Drake: see docs/results/identification.md.
-WALKS, CHANCES = (5e-3, 1e-2, 2e-2), (0.6, 0.3, 0.1)
+# Standard deviation of a position after a way of one metre [m] that an object may have, and the factor of that of its
+# rim when it turns: before a push is seen, median and standard deviation of the logarithm. Out of the floor's plane it
+# is `OUT_OF_PLANE` of it. From pushes of MuJoCo, Bullet and Drake and real ones, see docs/results/identification.md and
+# docs/results/real.md: round objects turn by what the pusher's friction happens to be.
+WALK, TURN = (1e-2, 0.35), (2.5, 0.45)
 OUT_OF_PLANE = 0.1
+# Walk and turn that a search chooses from, and those that are told apart when it is done.
+DRIFTS = tuple((walk, turn) for walk in (5e-3, 1e-2, 2e-2) for turn in (1.0, 2.5))
+FINE_DRIFTS = tuple((3e-3 * 2.0 ** (k / 2), 2.0 ** (n / 2)) for k in range(8) for n in range(6))
 # Standard deviations of the logarithms of a push's frictions against those of the object: a face that rattles, a law of
 # contact that is another one, or another place act on a whole push alike, and otherwise on the next one.
 GRIPS = {"friction_floor": 0.05, "friction_pusher": 0.2}
-# Name of that of a twin, among its nuisances and draws.
-DRIFT = "drift"
+# Names of those of a twin, among its nuisances and draws.
+DRIFT, DRIFT_TURN = "drift", "drift_turn"
 
 
 def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
@@ -39,20 +46,32 @@ def way(X_WO: Pose, times: Tensor, radius: float) -> Tensor:
     return torch.empty_like(made).index_copy(-1, order, made)
 
 
-def drift(radius: float, walk: float) -> Tensor:
+def chances(drifts: Sequence[tuple[float, float]]) -> Tensor:
+    """Probabilities (K,) of drifts, before a push is seen; they add up to 1."""
+    z = [
+        [math.log(value / median) / sd for value, (median, sd) in zip(one, (WALK, TURN), strict=True)] for one in drifts
+    ]
+    return torch.softmax(-0.5 * torch.tensor(z, dtype=torch.float64).square().sum(-1), 0)
+
+
+def drift(radius: float, walk: float, turn: float = 1.0) -> Tensor:
     """Return standard deviations (6,) of rotation vector [rad] and position [m], world, after a metre of way.
 
-    That of a position in the floor's plane is `walk` [m]; the object has a radius [m].
+    That of a position in the floor's plane is `walk` [m], that of a rim that turns `turn` times as large; the object
+    has a radius [m].
     """
-    share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, 1.0, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
+    share = torch.tensor([OUT_OF_PLANE, OUT_OF_PLANE, turn, 1.0, 1.0, OUT_OF_PLANE], dtype=torch.float64)
     return walk * share * per_radius(radius)
 
 
-def typical_walk(twin: Twin) -> float:
-    """Root mean square [m] of the drift of a twin after a way of one metre; the least of `WALKS` without draws."""
+def typical_drift(twin: Twin) -> tuple[float, float]:
+    """Root mean square [m] of the drift of a twin after a way of one metre, and its turn; a small one without draws."""
     if twin.draws is None or DRIFT not in twin.draws.names:
-        return WALKS[0]
-    return float(np.sqrt(np.mean(np.square(twin.draws.column(DRIFT)))))
+        return DRIFTS[0]
+    walks = twin.draws.column(DRIFT)
+    turns = twin.draws.column(DRIFT_TURN) if DRIFT_TURN in twin.draws.names else np.ones(len(walks))
+    walk = float(np.sqrt(np.mean(walks**2)))
+    return walk, float(np.sqrt(np.mean((walks * turns) ** 2))) / walk if walk > 0.0 else 1.0
 
 
 def grips(rows: np.ndarray) -> dict[str, np.ndarray]:

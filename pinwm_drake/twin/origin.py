@@ -120,13 +120,14 @@ def seen_start(twin: Twin, capture: Capture) -> Pose:
     return seen if same else X_WO
 
 
-def start_pose(twin: Twin, capture: Capture, push: int | None) -> Pose:
-    """Pose of the object at the start of an episode.
+def start_pose(twin: Twin, capture: Capture, push: int | None, episode: Episode | None = None) -> Pose:
+    """Pose of the object at the start of an episode; of one that has its own, in `start.yaml`, that.
 
     The offsets start_x, start_y [m] and start_yaw [rad], which were estimated, belong to a push that the twin was
     identified from, and are used for it only: that of a number, see `identified_push`, or None for another one.
     """
-    X_WO = seen_start(twin, capture)
+    own = None if episode is None else episode.start
+    X_WO = seen_start(twin, capture) if own is None else own
     if push is None:
         return X_WO
     x, y, yaw = (of_push(twin, key, push, 0.0) for key in ("start_x", "start_y", "start_yaw"))

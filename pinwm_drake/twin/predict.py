@@ -11,8 +11,9 @@ from pinwm_drake.capture.scene import Capture, PusherGeometry
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin.drift import drift, typical_walk, way
+from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, turn_between
+from pinwm_drake.twin.drift import drift, typical_drift, way
+from pinwm_drake.twin.frame import in_world
 from pinwm_drake.twin.origin import in_push, start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws
 from pinwm_drake.twin.twin import Twin
@@ -20,27 +21,8 @@ from pinwm_drake.twin.twin import Twin
 # Differences that are taken for rounding: of gravity [m/s^2], and of a floor on which the object was said to rest [m].
 _SAME_GRAVITY, _SAME_FLOOR = 1e-3, 1e-3
 _DRAWS = 64  # that are rolled out for a spread
+_ROUNDS = 3  # of a mean of orientations
 TWO_SIDED = 1.96  # standard deviations within which are 95 % of a normal distribution
-
-
-def predict_poses(
-    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
-) -> ObjectPoses:
-    """Return the poses of the object that a twin predicts for the frames of an episode.
-
-    Args:
-        twin: The twin.
-        capture: The capture of the episode, which says where the object starts.
-        episode: The episode; of it, the pusher's log and the times of the frames are used.
-        push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
-        start: Pose of the object in the first frame, where it is known better; q (4,), p (3,) [m].
-
-    Raises:
-        PinwmError: A mesh cannot be used, or the physics found no solution.
-    """
-    start, late = start or start_pose(twin, capture, push), time_offset(twin, push)
-    found = rollout(_in_place_of(in_push(twin, push), capture), start, episode.trajectory, episode.t + late)
-    return ObjectPoses(episode.t, found.p_WO, found.q_WO)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +39,59 @@ class Spread:
         return np.hypot(self.x, self.y)
 
 
+def predict_motion(
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
+) -> tuple[ObjectPoses, Spread | None]:
+    """Return the poses of the object that a twin predicts for the frames of an episode, and their spread.
+
+    For a push that was not identified, the poses are the mean of the rollouts of a number of the twin's draws: which is
+    nearer, on average, than the rollout of their mean. The spread is that of the physics by the draws, and of what the
+    physics cannot tell. A twin without draws has no spread; its poses, and those of an identified push, are the rollout
+    of its estimates.
+
+    Args:
+        twin: The twin.
+        capture: The capture of the episode, which says where the object starts.
+        episode: The episode; of it, the pusher's log and the times of the frames are used.
+        push: Number of the identified push that it is, see `origin.identified_push`; None for another one.
+        start: Pose of the object in the first frame, where it is known better; q (4,), p (3,) [m].
+
+    Raises:
+        PinwmError: A mesh cannot be used, or the physics found no solution.
+    """
+    start, late = start or start_pose(twin, capture, push, episode), time_offset(twin, push)
+    placed, t, V_WO = _in_place_of(in_push(twin, push), capture), episode.t + late, episode.start_velocity
+    spread = None
+    if twin.draws is not None:
+        drawn = rollout_draws(placed, start, episode.trajectory, t, twin.draws.rows(_DRAWS), V_WO)
+        spread = spread_of(drawn, episode.t, twin)
+        if push is None:
+            middle = mean_pose(drawn)
+            return ObjectPoses(episode.t, middle.p.numpy(), middle.q.numpy()), spread
+    found = rollout(placed, start, in_world(twin, episode.trajectory), t, V_WO)
+    return ObjectPoses(episode.t, found.p_WO, found.q_WO), spread
+
+
+def predict_poses(
+    twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
+) -> ObjectPoses:
+    """Return the poses of `predict_motion`."""
+    return predict_motion(twin, capture, episode, push, start=start)[0]
+
+
 def predict_spread(
     twin: Twin, capture: Capture, episode: Episode, push: int | None, *, start: Pose | None = None
 ) -> Spread | None:
-    """Spread of `predict_poses`: of the physics by a number of the twin's draws, and of what its physics cannot tell.
+    """Return the spread of `predict_motion`."""
+    return predict_motion(twin, capture, episode, push, start=start)[1]
 
-    Arguments and errors are those of `predict_poses`. The spread of a twin without draws is None.
-    """
-    if twin.draws is None:
-        return None
-    start, t = start or start_pose(twin, capture, push), episode.t + time_offset(twin, push)
-    placed, rows = _in_place_of(in_push(twin, push), capture), twin.draws.rows(_DRAWS)
-    return spread_of(rollout_draws(placed, start, episode.trajectory, t, rows), episode.t, twin)
+
+def mean_pose(X_WO: Pose) -> Pose:
+    """Mean (n,) of poses q (n, W, 4), p (n, W, 3) [m]: of positions, and of turns from a middle orientation."""
+    q = X_WO.q[:, 0]
+    for _ in range(_ROUNDS):
+        q = quaternion_multiply(quaternion_exp(turn_between(q[:, None], X_WO.q).mean(1)), q)
+    return Pose(q, X_WO.p.mean(1))
 
 
 def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
@@ -77,7 +100,7 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin) -> Spread:
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
     turned = turn_between(X_WO.q[:, :1], X_WO.q)
     parts = torch.cat([turned[..., 2:], X_WO.p[..., :2]], -1).var(1, correction=0).numpy()
-    sigma = drift(radius, typical_walk(twin)).numpy()[[2, 3, 4]]
+    sigma = drift(radius, *typical_drift(twin)).numpy()[[2, 3, 4]]
     yaw, x, y = np.sqrt(parts + made[:, None] * sigma**2).T
     return Spread(x, y, yaw)
 

@@ -33,6 +33,7 @@ from pinwm_drake.scene import (
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import rotate
 from pinwm_drake.twin.drift import grips
+from pinwm_drake.twin.frame import drawn_frames, moved_motion, pivot_of
 from pinwm_drake.twin.twin import Twin
 
 # An object that starts this near to the floor [m] rests on it; one that is farther up falls.
@@ -90,14 +91,17 @@ def _physical_parameters(values: Mapping[str, Sequence[float]], scene: Scene) ->
     return scene_parameters(tensors, scaled_inertia(scene, 1.0, factors))
 
 
-def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray) -> ObjectPoses:
+def rollout(
+    twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray, V_WO: torch.Tensor | None = None
+) -> ObjectPoses:
     """Poses of the object along a motion of the pusher.
 
     Args:
         twin: Geometry and theta.
-        X_WO: Pose at t[0], at rest; q (4,), p (3,) [m]. Near the floor, it is put on it.
-        trajectory: Motion of the pusher.
+        X_WO: Pose at t[0]; q (4,), p (3,) [m]. Near the floor, it is put on it.
+        trajectory: Motion of the pusher in the world of the object; see `frame.in_world`.
         t: (n,) [s], not decreasing.
+        V_WO: Velocity at t[0], (6,) [rad/s; m/s] at O; None for an object at rest.
 
     Returns:
         The poses at t.
@@ -110,26 +114,42 @@ def rollout(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray)
     for halving in range(_HALVINGS):
         try:
             scene = twin_scene(replace(twin, time_step=twin.time_step / 2**halving), X_WO.q)
-            found = rollout_worlds(scene, twin_parameters(twin, scene), X_WO, trajectory, t)
+            found = rollout_worlds(scene, twin_parameters(twin, scene), X_WO, trajectory, t, V_WO=V_WO)
             return ObjectPoses(t=t, p_WO=found.p[:, 0].numpy(), q_WO=found.q[:, 0].numpy())
         except SolverError as error:
             failure = error
     raise failure
 
 
-def rollout_draws(twin: Twin, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray, rows: np.ndarray) -> Pose:
+def rollout_draws(
+    twin: Twin,
+    X_WO: Pose,
+    trajectory: PusherTrajectory,
+    t: np.ndarray,
+    rows: np.ndarray,
+    V_WO: torch.Tensor | None = None,
+) -> Pose:
     """Poses q (n, W, 4), p (n, W, 3) [m] as of `rollout`, by rows (W,) of the draws of a twin, at its time step only.
 
-    Without draws, all W are the same.
+    The motion is that of the robot's log, which the frame of each draw moves. Without draws, all W are the same.
     """
-    scene = twin_scene(twin, X_WO.q)
-    return rollout_worlds(scene, drawn_parameters(twin, scene, rows), X_WO, trajectory, np.asarray(t, float))
+    scene, frames = twin_scene(twin, X_WO.q), (drawn_frames(twin, rows), pivot_of(twin))
+    parameters, t = drawn_parameters(twin, scene, rows), np.asarray(t, float)
+    return rollout_worlds(scene, parameters, X_WO, trajectory, t, frames, V_WO)
 
 
 def rollout_worlds(
-    scene: Scene, parameters: Parameters, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray
+    scene: Scene,
+    parameters: Parameters,
+    X_WO: Pose,
+    trajectory: PusherTrajectory,
+    t: np.ndarray,
+    frames: tuple[torch.Tensor, torch.Tensor] | None = None,
+    V_WO: torch.Tensor | None = None,
 ) -> Pose:
     """Poses q (n, W, 4), p (n, W, 3) [m] of W worlds that start alike; see `rollout`.
+
+    Frames (W, 3) move the pusher's motion about a pivot (3,) [m] in each world; see `frame.py`.
 
     Raises:
         SolverError: The physics found no solution.
@@ -137,8 +157,9 @@ def rollout_worlds(
     start, W, h = resting_start(scene, X_WO), parameters.num_worlds, scene.model.time_step
     motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
     start = Pose(start.q.expand(W, 4), start.p.expand(W, 3))
+    motion = motion if frames is None else moved_motion(motion, *frames)
     with torch.no_grad():
-        return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]))
+        return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]), V_WO=V_WO)
 
 
 def resting_start(scene: Scene, X_WO: Pose) -> Pose:

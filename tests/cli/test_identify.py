@@ -95,7 +95,7 @@ def test_one_unknown_alone(pinwm, capture, tmp_path):
         (tuple(f"--without={name}" for name in DEFAULT_FREE), "none is left to find"),
         (("--support", "edges"), "--support: got 'edges'"),
         (("--starts", "0"), "--starts: got 0"),
-        (("--time-step", "0.1"), "--time-step: got 0.1; allowed: 1e-05 to 0.05"),
+        (("--time-step", "0.2"), "--time-step: got 0.2; allowed: 1e-05 to 0.1"),
         (("--episode", "0007"), "no episode '0007'"),
     ],
 )

@@ -103,7 +103,7 @@ def test_a_row_has_values_unit_default_and_help():
     assert "| `CAPTURE` |" in page[page.index("**Arguments**") :]
     row = next(line for line in page.splitlines() if line.startswith("| `--time-step`"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[1:3] == ["1e-05 to 0.05", "s"]
+    assert cells[1:3] == ["1e-05 to 0.1", "s"]
     assert cells[3].startswith("1/240")
     assert cells[4].startswith("Time step of the physics")
     assert page.index("**Advanced**") < page.index(row)

@@ -76,3 +76,21 @@ def test_the_friction_that_the_draws_differ_in_is_what_it_tells_about(proposal):
     assert list(best.remaining) == ["friction_floor"]
     assert best.remaining["friction_floor"] < 0.5
     assert best.remaining["friction_floor"] < last.remaining["friction_floor"] <= 1.0
+
+
+def test_where_frame_and_centre_go_together_a_push_of_another_face_is_proposed(twin):
+    """Draws that one push along x left: shifts along y of the log and of the centre of mass do the same to it."""
+    number = 24
+    z = np.random.default_rng(0).normal(size=number)
+    values = {key: np.full(number, one.value) for key, one in twin.theta.items()}
+    names = ["frame_x", "frame_y", "frame_yaw", "center_x", "center_y", "center_z"]
+    values |= {name: np.zeros(number) for name in names} | {"frame_y": 0.004 * z, "center_y": 0.004 * z}
+    draws = Draws(list(values), np.stack(list(values.values()), -1))
+    found = next_push(dataclasses.replace(twin, draws=draws), number=24, draws=16)
+    assert abs(np.degrees(found.confusion.angle) - 90.0) < 10.0
+    best = found.candidates[0]
+    assert best.remaining["frame"] == min(
+        one.remaining["frame"] for one in found.candidates if one.information >= 0.5 * found.candidates[1].information
+    )
+    # Along x again nothing would be told; along y the push comes sooner or later by the frame.
+    assert abs(best.motion.direction_W[1]) > 0.5

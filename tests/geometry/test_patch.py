@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh
@@ -185,3 +186,15 @@ def test_corners_are_spread_as_far_as_the_closed_form_says():
     assert (x, y) == pytest.approx((math.sqrt(3), math.sqrt(3)), rel=0.05)
     assert z == 1.0
     assert corner_spread(trimesh.creation.icosphere(radius=0.05), UPRIGHT) == (1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (np.pi / 2, 0.0, 0.0), (np.pi, 0.0, 0.0)])
+def test_a_face_carries_on_the_same_points_at_any_yaw(tilt):
+    mesh = trimesh.creation.box((0.1, 0.06, 0.04))
+    resting = Rotation.from_euler("xyz", tilt)
+    expected = supporting_points(mesh, resting.as_matrix())
+    for yaw in (0.3, 2.0, -1.0):
+        found = supporting_points(mesh, (Rotation.from_rotvec([0.0, 0.0, yaw]) * resting).as_matrix())
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    down = expected[expected[:, 3] == IF_FLAT][:12]
+    np.testing.assert_allclose(down[:, 4:], np.tile(-resting.as_matrix()[2], (12, 1)), atol=1e-9)

@@ -23,6 +23,11 @@ def test_corrections_walk_with_the_way():
     expected = WALK**2 * made + LASTING**2
     assert variance[:, 3].numpy() == pytest.approx(expected.numpy(), rel=1e-4)
     assert variance[:, 2].numpy() == pytest.approx(expected.numpy() / RADIUS**2, rel=1e-4)
+    turning = prior_root(X_WO, times, RADIUS, WALK, 2.0)
+    variance = (turning @ turning.T).diagonal().reshape(5, 6)
+    assert variance[:, 3].numpy() == pytest.approx(expected.numpy(), rel=1e-4)
+    rim = 4.0 * WALK**2 * made + LASTING**2
+    assert variance[:, 2].numpy() == pytest.approx(rim.numpy() / RADIUS**2, rel=1e-4)
 
 
 def images(n, sigma, seed):

@@ -93,7 +93,7 @@ def test_gradient_of_the_loss_is_that_of_differences(pushed):
     # decides in which step the pusher leaves. A guess that has a kink within its step tells nothing, so that the second
     # best of five is compared.
     moved = ("friction_floor", "start_x", "start_y", "start_yaw", "lift", "time_offset", "support_x", "contact_offset")
-    for name in (*moved, "grip_floor"):
+    for name in (*moved, "grip_floor", "frame_x", "frame_y", "frame_yaw"):
         column = names.index(name)
         change, step = torch.zeros_like(z), 0.003 if name == "time_offset" else 0.03
         change[:, column] = step

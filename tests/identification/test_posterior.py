@@ -7,7 +7,7 @@ from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.identification.posterior import Posterior, estimates
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.scene import make_scene
-from pinwm_drake.twin.drift import WALKS
+from pinwm_drake.twin.drift import FINE_DRIFTS, chances
 from tests.identification.samples import LEVEL, SHAPE
 
 COORDINATES = Coordinates(("restitution_floor",), {})
@@ -24,10 +24,8 @@ def scene(tmp_path_factory):
 def test_a_restitution_of_zero_is_identified_where_its_interval_is_short(scene, width, known):
     draws = torch.randn(2000, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64).abs()
     scale = width / float(COORDINATES.values(torch.ones(1, 1, dtype=torch.float64))["restitution_floor"][0])
-    draws, one = scale * draws, torch.ones(1, 1, dtype=torch.float64)
-    posterior = Posterior.of(
-        0.0 * draws[0], draws, lambda z: one.expand(len(z), len(WALKS)), torch.Generator().manual_seed(0)
-    )
+    draws = scale * draws
+    posterior = Posterior.of(0.0 * draws[0], draws, chances(FINE_DRIFTS), torch.Generator().manual_seed(0))
     theta, _ = estimates(COORDINATES, posterior, scene, 1.0, True, 0)
     found = theta["restitution_floor"]
     assert found.value == 0.0

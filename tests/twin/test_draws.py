@@ -10,8 +10,8 @@ import torch
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
-from pinwm_drake.twin.drift import DRIFT, WALKS, drift, typical_walk, way
-from pinwm_drake.twin.predict import spread_of
+from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, DRIFTS, drift, typical_drift, way
+from pinwm_drake.twin.predict import mean_pose, spread_of
 from pinwm_drake.twin.read import load_twin, read_draws
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws
 from pinwm_drake.twin.write import write_draws, write_twin
@@ -68,15 +68,27 @@ def test_spread_is_that_of_the_draws_and_of_the_drift(tmp_path):
     p = np.stack([x, np.zeros((n, W)), np.zeros((n, W))], -1)
     q = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64).expand(n, W, 4)
     spread = spread_of(Pose(q, torch.from_numpy(p)), np.array([0.0, 0.5, 1.0]), twin)
-    walked = WALKS[0] * np.sqrt(np.array([0.0, 0.05, 0.1]))
+    walked = DRIFTS[0][0] * np.sqrt(np.array([0.0, 0.05, 0.1]))
     assert spread.y == pytest.approx(walked, rel=0.02)
     assert spread.x == pytest.approx(np.hypot(walked, [0.0, 0.005, 0.01]), rel=0.05)
-    assert float(WALKS[0] / drift(0.05, WALKS[0])[2]) == pytest.approx(0.05)
+    assert float(DRIFTS[0][0] / drift(0.05, *DRIFTS[0])[2]) == pytest.approx(0.05)
     assert spread.position[-1] == pytest.approx(np.hypot(spread.x[-1], spread.y[-1]))
 
 
 def test_a_twin_drifts_as_its_draws_do(tmp_path):
     twin = cube_twin(tmp_path)
-    assert typical_walk(twin) == WALKS[0]
+    assert typical_drift(twin) == DRIFTS[0]
     draws = Draws([DRIFT], np.array([[3e-3], [4e-3], [0.0], [0.0]]))
-    assert typical_walk(dataclasses.replace(twin, draws=draws)) == pytest.approx(2.5e-3)
+    assert typical_drift(dataclasses.replace(twin, draws=draws)) == pytest.approx((2.5e-3, 1.0))
+    turning = Draws([DRIFT, DRIFT_TURN], np.array([[3e-3, 2.0], [4e-3, 2.0], [0.0, 9.0], [0.0, 9.0]]))
+    assert typical_drift(dataclasses.replace(twin, draws=turning)) == pytest.approx((2.5e-3, 2.0))
+
+
+def test_the_mean_of_poses_is_in_the_middle_of_their_turns():
+    angle = torch.tensor([[3.0, 3.2, 3.4], [0.1, -0.1, 0.3]], dtype=torch.float64)
+    q = quaternion_exp(torch.stack([0 * angle, 0 * angle, angle], -1))
+    p = torch.arange(18, dtype=torch.float64).reshape(2, 3, 3)
+    found = mean_pose(Pose(q * torch.tensor([1.0, -1.0, 1.0])[:, None], p))
+    torch.testing.assert_close(found.p, p.mean(1))
+    expected = quaternion_exp(torch.tensor([[0.0, 0.0, 3.2], [0.0, 0.0, 0.1]], dtype=torch.float64))
+    torch.testing.assert_close((found.q * expected).sum(-1).abs(), torch.ones(2, dtype=torch.float64))

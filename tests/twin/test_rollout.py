@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -51,16 +52,16 @@ def test_a_start_above_the_floor_falls(twin):
 def test_smaller_steps_help_out_and_a_lasting_failure_is_told(twin, monkeypatch):
     original, seen = module.rollout_worlds, []
 
-    def failing(scene, *arguments, worst):
+    def failing(scene, *arguments, worst, **named):
         seen.append(scene.model.time_step)
         if scene.model.time_step > worst:
             raise SolverError("the contact LCP found no solution")
-        return original(scene, *arguments)
+        return original(scene, *arguments, **named)
 
-    monkeypatch.setattr(module, "rollout_worlds", lambda *arguments: failing(*arguments, worst=twin.time_step / 3))
+    monkeypatch.setattr(module, "rollout_worlds", partial(failing, worst=twin.time_step / 3))
     assert len(rollout(twin, START, log(3), np.array([0.0, 0.1])).t) == 2
     assert seen == [twin.time_step, twin.time_step / 2, twin.time_step / 4]
-    monkeypatch.setattr(module, "rollout_worlds", lambda *arguments: failing(*arguments, worst=0.0))
+    monkeypatch.setattr(module, "rollout_worlds", partial(failing, worst=0.0))
     with pytest.raises(SolverError, match="no solution"):
         rollout(twin, START, log(3), np.array([0.0, 0.1]))
 

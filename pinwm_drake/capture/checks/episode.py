@@ -23,7 +23,17 @@ from pinwm_drake.capture.episode_tables import (
     read_object_poses,
     read_trajectory,
 )
-from pinwm_drake.capture.episodes import CAMERA_FILE, CAMERAS, View, pose_at, read_episode_image, read_fixed_camera
+from pinwm_drake.capture.episodes import (
+    CAMERA_FILE,
+    CAMERAS,
+    START_FILE,
+    View,
+    is_filmed,
+    pose_at,
+    read_episode_image,
+    read_fixed_camera,
+    read_start,
+)
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.refusals import attempt
 from pinwm_drake.capture.scene import EPISODES
@@ -48,6 +58,12 @@ def check_episode(name: str, scene: Scene, findings: Findings, progress: Callabl
     folder, error = scene.folder / EPISODES / name, findings.error
     log = _whole(lambda: read_trajectory(folder, error), findings)
     poses = _whole(lambda: read_object_poses(folder, error), findings)
+    attempt(lambda: read_start(folder), error)
+    if poses is not None and not is_filmed(folder):
+        findings.warn(folder, f"no {CAMERA_FILE} and no {FRAMES_FILE}", "a film, or `pinwm identify --poses`")
+        if log is not None:
+            check_motion(folder, log, None, scene, findings)
+        return 0
     log_t = None if log is None else log.t
     number = 0
     for one in (folder, *sorted(path for path in (folder / CAMERAS).glob("*") if path.is_dir())):
@@ -111,12 +127,15 @@ def _check_start(folder: Path, poses: ObjectPoses, scene: Scene, t: np.ndarray, 
     if poses.t[0] > t[0] + 1e-6 or poses.t[-1] < t[-1] - 1e-6:
         found = f"poses from {poses.t[0]:.4g} s to {poses.t[-1]:.4g} s"
         findings.warn(path, found, f"those of all images: {t[0]:.4g} s to {t[-1]:.4g} s")
-    if scene.X_WO is not None:
-        away = float(np.linalg.norm(poses.p_WO[0] - scene.X_WO.p.numpy()))
-        turn = 2 * np.degrees(np.arccos(min(abs(float(poses.q_WO[0] @ scene.X_WO.q.numpy())), 1.0)))
+    own = attempt(lambda: read_start(folder), lambda _: None)
+    start = scene.X_WO if own is None else own.X_WO
+    if start is not None:
+        away = float(np.linalg.norm(poses.p_WO[0] - start.p.numpy()))
+        turn = 2 * np.degrees(np.arccos(min(abs(float(poses.q_WO[0] @ start.q.numpy())), 1.0)))
         if away > _START[0] or turn > _START[1]:
-            found = f"a first pose {1000 * away:.1f} mm and {turn:.1f} deg from object.X_WO"
-            findings.warn(path, found, "an episode that starts at object.X_WO", row=2)
+            where = "object.X_WO" if own is None else START_FILE
+            found = f"a first pose {1000 * away:.1f} mm and {turn:.1f} deg from {where}"
+            findings.warn(path, found, f"an episode that starts at {where}; {START_FILE} says another start", row=2)
 
 
 def _check_images(

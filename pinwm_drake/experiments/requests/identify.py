@@ -42,6 +42,10 @@ class IdentifyRequest:
         tuple[str, ...],
         option("Name of a push; repeat it for several.", "--episode", group=DATA, default="the first"),
     ] = ()
+    poses: Annotated[
+        Path | None,
+        option("Measured poses to fit in place of images: a file, or a file's name in each push's folder.", group=DATA),
+    ] = None
     free: Annotated[
         tuple[str, ...],
         option(

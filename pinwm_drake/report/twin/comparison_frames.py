@@ -6,6 +6,7 @@ Captures leave the pusher out; the pictures show it where its log has it.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -24,6 +25,7 @@ from pinwm_drake.report.scene import PLAIN, Actor, Surface, to_srgb
 from pinwm_drake.report.style import evenly
 from pinwm_drake.spatial.poses import Pose, compose, inverse, transform
 from pinwm_drake.spatial.rotations import quaternion_to_matrix
+from pinwm_drake.twin.frame import frame_of, moved_pose, pivot_of
 from pinwm_drake.twin.origin import of_push, time_offset
 from pinwm_drake.twin.twin import Twin
 
@@ -50,6 +52,7 @@ class Cast:
     )
     outline: float = 1.0  # factor by which the object is larger in the images than its surfels are
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m, world: how far aside the camera shows the object
+    placed: Callable[[Pose], Pose] = lambda X_WP: X_WP  # from the pusher's log to the world of the object
 
     @staticmethod
     def of(twin: Twin, push: int | None) -> "Cast":
@@ -66,6 +69,7 @@ class Cast:
             time_offset=time_offset(twin, push),
             outline=outline if outline > 0 else 1.0,
             view=(0.0, 0.0, 0.0) if push is None else (x, y, z),
+            placed=partial(moved_pose, frame=frame_of(twin), pivot=pivot_of(twin)),
         )
 
 
@@ -115,7 +119,7 @@ def draw_frame(episode: Episode, k: int, poses: ObjectPoses, cast: Cast) -> Pict
     X_WO = Pose(torch.from_numpy(poses.q_WO[k].copy()), torch.from_numpy(poses.p_WO[k] + cast.view))
     with torch.no_grad():
         rendering = render(cast.surfels, _zoomed(camera, mask, cast.outline), compose(X_CW, X_WO), full=False)
-    X_WP = episode.pusher_pose(float(episode.t[k]) + cast.time_offset)
+    X_WP = cast.placed(episode.pusher_pose(float(episode.t[k]) + cast.time_offset))
     outline = silhouette(cast.pusher, camera, compose(X_CW, X_WP))
     covered = rendering.alpha[0].numpy() > _COVERED
     hidden = np.zeros_like(mask) if outline is None else outline & ~mask
@@ -174,7 +178,10 @@ def window_of(episode: Episode, poses: ObjectPoses, cast: Cast) -> tuple[slice, 
     """
     X_CW, times = inverse(episode.X_WC), [float(t) + cast.time_offset for t in episode.t]
     X_WO = [Pose(torch.from_numpy(q), torch.from_numpy(p)) for q, p in zip(poses.q_WO, poses.p_WO, strict=True)]
-    parts = [(cast.mesh.vertices, X_WO), (cast.pusher.bounding_box.vertices, [episode.pusher_pose(t) for t in times])]
+    parts = [
+        (cast.mesh.vertices, X_WO),
+        (cast.pusher.bounding_box.vertices, [cast.placed(episode.pusher_pose(t)) for t in times]),
+    ]
     size = np.array([episode.camera.width, episode.camera.height])
     everything = slice(0, int(size[1])), slice(0, int(size[0]))
     fx, fy, cx, cy = episode.camera.intrinsics.tolist()
@@ -234,6 +241,7 @@ def draw_shots(
     Raises:
         InputError: An image cannot be used.
     """
+    episode.require_film()
     window = window_of(episode, poses, cast)
     chosen, shots = evenly(len(episode.t), most), []
     for k in chosen:

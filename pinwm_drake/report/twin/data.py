@@ -64,6 +64,9 @@ def read_story(folder: Path, capture: Path | None = None) -> Story:
     path = folder / HISTORY_FILE
     story.history = story.attempt(lambda: read_history(path), "The course of the identification is left out.")
     story.poses = story.attempt(lambda: _read_poses(folder, story.origin), "The identified motion is left out.")
+    frame = story.twin.provenance.get("frame")
+    if isinstance(frame, dict) and "note" in frame:
+        story.notices.append(str(frame["note"]))
     where = capture or (story.origin.path if story.origin is not None else None)
     if where is None:
         story.notices.append("The twin does not say which capture it is from; --capture names it.")

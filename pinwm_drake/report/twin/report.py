@@ -96,7 +96,8 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
             f"colours differ by {100 * colour:.1f} % on average."
         )
     if errors is not None:
-        lines.append(f"Against ground truth, which was never fitted: {errors.words()} ({len(errors.t)} frames).")
+        of = "measured poses" if "poses" in twin.provenance else "ground truth, which was never fitted"
+        lines.append(f"Against {of}: {errors.words()} ({len(errors.t)} frames).")
     known = [name for name, estimate in twin.theta.items() if estimate.identifiable]
     others = [name for name in twin.theta if name not in known]
     known_words, other_words = (", ".join(names) or "none of the parameters" for names in (known, others))

@@ -28,6 +28,7 @@ from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.spatial.poses import inverse, transform
 from pinwm_drake.spatial.rotations import quaternion_exp
 from pinwm_drake.twin.twin import Estimate
+from pinwm_drake.twin.write import write_twin
 from tests.report.samples import move, moved, write_history, write_identified, write_push
 from tests.twin.samples import estimates
 
@@ -395,3 +396,11 @@ def test_pieces_of_a_page():
     assert '<p class="about">&lt;b&gt;</p>' in page
     with pytest.raises(UndefinedError, match="'about' is undefined"):
         templates.get_template("report/base.html").render(title="")
+
+
+def test_a_frame_that_is_not_told_apart_is_a_notice(tmp_path):
+    write_push(tmp_path / "capture")
+    twin = write_identified(tmp_path / "twin", tmp_path / "capture")
+    note = "frame and centre of mass cannot be told apart along 90°"
+    write_twin(tmp_path / "twin", replace(twin, provenance=twin.provenance | {"frame": {"note": note}}))
+    assert note in read_story(tmp_path / "twin").notices

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: MIT
+"""Identification of a twin from measured poses in the place of images: the same unknowns, intervals and next push.
+
+Random guesses are screened, and the best of them refined, on the objective of `pose_surrogate.py`; the noise of the
+measurement is told by what neighbouring poses do not share, first of the measured poses, then of their residuals.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from pinwm_drake.capture.episodes import Episode, ObjectPoses
+from pinwm_drake.capture.measured_poses import MeasuredPoses, within_log
+from pinwm_drake.capture.scene import Capture
+from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.meshes import half_diagonal
+from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.history import Log
+from pinwm_drake.identification.identify import (
+    NOMINAL_MASS,
+    Identification,
+    capture_scene,
+    chosen_unknowns,
+    distinct_pushes,
+    found_twin,
+)
+from pinwm_drake.identification.mass import find_mass_scale, with_mass
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.pictures import spaced
+from pinwm_drake.identification.pose_noise import checked, track, white_noise
+from pinwm_drake.identification.pose_surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
+from pinwm_drake.identification.posterior import Posterior, interval
+from pinwm_drake.identification.sampling import sample
+from pinwm_drake.identification.search import Outcome, Progress, representative
+from pinwm_drake.identification.time_step import time_step_of
+from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
+from pinwm_drake.rendering.surfels import Surfels
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.threads import one_torch_thread
+from pinwm_drake.twin.frame import yaw_of
+from pinwm_drake.twin.origin import Origin, registration_entry
+from pinwm_drake.twin.twin import Estimate
+
+# Unknowns of one push that poses depend on; a camera's are none of them.
+_OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
+_ROUNDS = 3
+_TWO_SIDED = 1.96
+
+
+@dataclass(frozen=True, eq=False)
+class PoseNotes:
+    """What an identification says of measured poses.
+
+    Attributes:
+        sigma: (6,), white noise of rotation [rad] and position [m], world axes.
+        wrong: Rows of each file that were left out, as lines of the file, by its name.
+        left_out: Rows before or after the pushers' logs.
+    """
+
+    sigma: Tensor
+    wrong: dict[str, list[int]]
+    left_out: int
+
+    def entry(self) -> dict[str, object]:
+        """Return plain data for the provenance of a twin."""
+        noise = {"position": self.sigma[3:].tolist(), "rotation": self.sigma[:3].tolist()}
+        return {"noise": noise, "wrong_lines": self.wrong, "rows_outside_log": self.left_out, "units": "m, rad"}
+
+
+def identify_poses(
+    capture: Capture,
+    episodes: Episode | Sequence[Episode],
+    measured: Sequence[MeasuredPoses],
+    surfels: Surfels,
+    camera_offset: tuple[float, float] = (0.0, 0.0),
+    options: IdentifyOptions | None = None,
+    *,
+    report: Callable[[Progress], None] = lambda _: None,
+) -> Identification:
+    """Find theta such that the physics reproduces measured poses of one push or several.
+
+    Each push starts where its first rows have the object. Arguments, result and errors are those of `identify_theta`.
+
+    Args:
+        capture: Object, pusher, floor, gravity.
+        episodes: The push, or the pushes.
+        measured: Poses of each.
+        surfels: An appearance for the twin, frame O.
+        camera_offset: px, of the capture's cameras.
+        options: Options of the search; those of pictures have no effect.
+        report: Called after each step.
+    """
+    begun, options = time.monotonic(), options or IdentifyOptions()
+    pushes, X_WO = distinct_pushes(episodes), capture.object.X_WO
+    tables = [within_log(table, push.trajectory) for table, push in zip(measured, pushes, strict=True)]
+    mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
+    with one_torch_thread():
+        scene = capture_scene(capture, options.time_step or time_step_of(pushes), facets=options.facets)
+        radius = half_diagonal(scene.mesh)
+        sigma = white_noise([(one.poses.t, track(one.poses)) for one in tables], radius)
+        sound = [checked(one, sigma, radius) for one in tables]
+        whole = []
+        for push, (table, _) in zip(pushes, sound, strict=True):
+            posed = replace(push, t=table.poses.t, file_names=[], others=())
+            forward = Forward(scene, posed, _pose(table.poses, 0), mass, options.threads, pivot=X_WO.p)
+            whole.append(_posed(forward, table, None))
+        chosen = [
+            _posed(one.forward, table, spaced(one.num_frames, options.fine_frames))
+            for one, (table, _) in zip(whole, sound, strict=True)
+        ]
+        free, held = chosen_unknowns(capture, options, scene, mass)
+        own_names = [name for name in _OWN if name in free]
+        far = {f"start_{axis}": 3.0 * float(sigma[3:5].max()) for axis in "xy"} | {"start_yaw": 3.0 * float(sigma[2])}
+        priors = {name: max(UNKNOWNS[name].prior, one) for name, one in far.items()}
+        own = Coordinates(own_names, held, 1, [priors]) if own_names else None
+        shared = [name for name in free if UNKNOWNS[name].shared]
+        coordinates = Coordinates(shared, held, 1)
+        problem = PosedProblem(tuple(chosen), coordinates, own)
+        search = _Search(problem, tuple(whole), options, radius, report)
+        surrogate, z, sigma = search.run(sigma)
+        found, owns = search.outcome(surrogate, z, begun)
+        unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
+        forwards = [one.forward for one in whole]
+        scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
+    wrong = {table.path.name: lines for table, lines in sound if lines}
+    notes = PoseNotes(sigma, wrong, sum(table.left_out for table in tables))
+    about = {**Origin.of(capture, pushes).to_provenance(), **registration_entry(X_WO, X_WO), "poses": notes.entry()}
+    first = pushes[0].start or X_WO
+    twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about, q_WO=first.q)
+    starts = [X_WO if push.start is None else push.start for push in pushes]
+    for number, (one, start, (mean, cov)) in enumerate(zip(whole, starts, owns, strict=True)):
+        if own is not None:
+            suffix = f".{number}" if len(pushes) > 1 else ""
+            estimates = _own_estimates(own, mean, cov, one.forward.X_WO, start)
+            twin.nuisance.update({name + suffix: value for name, value in estimates.items()})
+            if suffix:
+                for name in estimates:
+                    twin.nuisance.pop(name, None)
+    twin = with_mass(twin, scale)
+    poses = [
+        ObjectPoses(one.forward.times, X.p.numpy(), X.q.numpy()) for one, X in zip(whole, found.poses, strict=True)
+    ]
+    return Identification(twin, found, poses)
+
+
+class _Search:
+    """Search for the shared unknowns; `whole` holds the pushes with all of their poses."""
+
+    def __init__(
+        self,
+        problem: PosedProblem,
+        whole: tuple[PosedEpisode, ...],
+        options: IdentifyOptions,
+        radius: float,
+        report: Callable[[Progress], None],
+    ) -> None:
+        self.problem, self.whole, self.options, self.radius = problem, whole, options, radius
+        self.report, self.log = report, Log()
+        self.coarse_losses: list[float] = []
+
+    def run(self, sigma: Tensor) -> tuple[PoseSurrogate, Tensor, Tensor]:
+        """Return the last surrogate, the shared unknowns (p,) at its minimum, and the noise (6,)."""
+        m = 0 if self.problem.own is None else len(self.problem.own)
+        z = torch.zeros(len(self.problem.coordinates), dtype=torch.float64)
+        at = [torch.zeros(m, dtype=torch.float64) for _ in self.whole]
+        surrogate = self._expand(z, at, sigma)
+        z = self._screened(surrogate)
+        for turn in range(_ROUNDS):
+            surrogate = self._expand(z, at, sigma)
+            z = surrogate.minimise(z)
+            self._note(surrogate, "fine", z, (turn + 1) / _ROUNDS)
+            if self.problem.own is not None:
+                walk = surrogate.walk(z)
+                at = [self.problem.own.clamp(surrogate.own(z, push, walk)[0]) for push in range(len(at))]
+            sigma = self._residual_noise(z, at)
+        surrogate = self._expand(z, at, sigma)
+        return surrogate, surrogate.minimise(z), sigma
+
+    def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
+        """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""
+        A, _ = surrogate.quadratic(z)
+        coordinates, generator = self.problem.coordinates, torch.Generator().manual_seed(self.options.seed)
+        draws, energies = sample(
+            surrogate.objective, z, torch.linalg.inv(A), coordinates.clamp, generator, moves=self.options.moves
+        )
+        z = representative(surrogate.objective, coordinates, draws, energies)
+        posterior = Posterior.of(z, draws, surrogate.fine_shares(z), torch.Generator().manual_seed(self.options.seed))
+        walk = surrogate.walk(z)
+        owns = [
+            (torch.zeros(0, dtype=torch.float64),) * 2 if self.problem.own is None else surrogate.own(z, push, walk)
+            for push in range(len(self.whole))
+        ]
+        poses = []
+        for one, (mean, _) in zip(self.whole, owns, strict=True):
+            X_WO, alive = one.forward.poses(self._values(z, mean))
+            if not bool(alive[0]):
+                raise SolverError("the physics found no solution at the optimum; try a smaller time step")
+            poses.append(Pose(X_WO.q[:, 0], X_WO.p[:, 0]))
+        self._note(surrogate, "sample", z, 1.0)
+        seconds = time.monotonic() - begun
+        found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
+        return found, owns
+
+    def _values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
+        clamped = own if self.problem.own is None else self.problem.own.clamp(own)
+        return self.problem.values(z[None], clamped[None])
+
+    def _expand(self, z: Tensor, at: list[Tensor], sigma: Tensor) -> PoseSurrogate:
+        found = pose_surrogate(self.problem, z, at, sigma)
+        if found is None:
+            raise SolverError("the physics found no solution at a guess; try another seed or a smaller time step")
+        return found
+
+    def _screened(self, surrogate: PoseSurrogate) -> Tensor:
+        """Return the best of random guesses (p,), each of the best of them followed to its minimum."""
+        options = self.options
+        guesses = self.problem.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
+        values = surrogate.objective(guesses)
+        if not bool(torch.isfinite(values).any()):
+            raise SolverError("the physics found no solution for any start; try another seed or a smaller time step")
+        ends = []
+        for k in torch.argsort(values, stable=True)[: options.starts].tolist():
+            z = surrogate.minimise(guesses[k])
+            ends.append((float(surrogate.objective(z[None])[0]), z))
+            self._note(surrogate, "coarse", z, len(ends) / options.starts)
+        self.coarse_losses = [value for value, _ in ends]
+        return min(ends, key=lambda one: one[0])[1]
+
+    def _residual_noise(self, z: Tensor, at: list[Tensor]) -> Tensor:
+        """Noise (6,) by the residuals of all poses."""
+        residuals = []
+        for one, own in zip(self.whole, at, strict=True):
+            with torch.no_grad():
+                d, _ = one.deviations(self._values(z, own))
+            residuals.append((one.forward.times, d[0].numpy()))
+        return white_noise(residuals, self.radius)
+
+    def _note(self, surrogate: PoseSurrogate, stage: str, z: Tensor, share: float) -> None:
+        first, width = {"coarse": (0.0, 0.4), "fine": (0.4, 0.4), "sample": (0.8, 0.2)}[stage]
+        values = self.problem.coordinates.named(z)
+        self.log.add(stage, 0, surrogate.loss, list(values.values()))
+        self.report(Progress(first + width * share, stage, surrogate.loss, values))
+
+
+def _posed(forward: Forward, table: MeasuredPoses, chosen: Tensor | None) -> PosedEpisode:
+    rows = np.arange(len(table.poses.t)) if chosen is None else chosen.numpy()
+    measured = Pose(torch.from_numpy(table.poses.q_WO[rows]), torch.from_numpy(table.poses.p_WO[rows]))
+    seen = torch.tensor([not table.planar, not table.planar, True, True, True, not table.planar])
+    return PosedEpisode(replace(forward, chosen=chosen), measured, seen)
+
+
+def _pose(poses: ObjectPoses, row: int) -> Pose:
+    return Pose(torch.from_numpy(poses.q_WO[row].copy()), torch.from_numpy(poses.p_WO[row].copy()))
+
+
+def _own_estimates(
+    own: Coordinates, mean: Tensor, covariance: Tensor, measured: Pose, start: Pose
+) -> dict[str, Estimate]:
+    """Estimates of the unknowns of a push by name; its start counts from where the capture has the object."""
+    extra = dict(zip(("start_x", "start_y"), (measured.p - start.p)[:2].tolist(), strict=True))
+    extra["start_yaw"] = yaw_of(start.q, measured.q)
+    spread = covariance.diagonal().clamp_min(0.0).sqrt()
+    ends = [own.named(own.clamp(mean + sign * _TWO_SIDED * spread)) for sign in (0.0, -1.0, 1.0)]
+    found = {}
+    for unknown, one, before in zip(own.free, spread.tolist(), own.deviations, strict=True):
+        value, low, high = (values[unknown.name] + extra.get(unknown.name, 0.0) for values in ends)
+        told = one * unknown.scale < 0.5 * before
+        found[unknown.name] = Estimate(value, interval(np.array([low, high]), value), told, unknown.unit)
+    return found

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: MIT
+"""Identification from measured poses: a cube that known physics pushes, by a robot whose frame is off."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.capture.episodes import CAMERA_FILE, ObjectPoses, PusherTrajectory, read_episode
+from pinwm_drake.capture.scene import PusherGeometry, load_capture
+from pinwm_drake.capture.write import write_pose_table, write_trajectory
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.prediction import predict
+from pinwm_drake.experiments.twins import identify
+from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.options import IdentifyOptions
+from pinwm_drake.identification.unknowns import UNKNOWNS
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.scene import make_scene, pusher_motion, rollout_poses
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import quaternion_exp, rotate
+from pinwm_drake.twin.frame import yaw_of
+from tests.identification.samples import LEVEL, SHAPE, SIDE, TRUTH, write_capture
+
+FRAME = {"frame_x": 0.005, "frame_y": -0.004}
+NOISE = 2e-4  # m; a third of it at the rim for yaw
+QUICK = IdentifyOptions(num_threads=1, screened=24, starts=2, moves=12, time_step=1 / 120)
+
+
+def log(angle: float, aside: float) -> PusherTrajectory:
+    """A push in the world of the cube, along a direction [rad] and beside the middle [m]."""
+    t = np.linspace(0.0, 0.8, 161)
+    along = -0.5 * SIDE - 0.015 + 0.2 * np.minimum(t, 0.4)
+    turn = quaternion_exp(torch.tensor([0.0, 0.0, angle], dtype=torch.float64))
+    p = rotate(turn, torch.from_numpy(np.stack([along, 0 * t + aside, 0 * t + 0.5 * SIDE], -1))).numpy()
+    v = np.pad(np.diff(p, axis=0) / np.diff(t)[:, None], ((0, 1), (0, 0)))
+    return PusherTrajectory(t, p, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), v, None)
+
+
+def write_push(folder, capture, name, pushed, seed=0):
+    """An episode without a film: true poses with noise, and the log in the robot's frame."""
+    scene = make_scene(capture.object.mesh_path, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
+    X_WO = capture.object.X_WO
+    t = np.arange(0.0, 0.8, 0.02)
+    start = Pose(LEVEL[None], X_WO.p[None])
+    found = rollout_poses(
+        scene,
+        Parameters.nominal(scene.model, **TRUTH),
+        start,
+        pusher_motion(pushed, 0.0, 192, 1 / 240),
+        torch.from_numpy(t),
+    )
+    generator = np.random.default_rng(seed)
+    noise = torch.from_numpy(np.pad(NOISE / SIDE * generator.normal(size=(len(t), 1)), ((0, 0), (2, 0))))
+    q = found.q[:, 0]
+    q = torch.nn.functional.normalize(
+        torch.stack(
+            [q[:, 0] - 0.5 * noise[:, 2] * q[:, 3], q[:, 1], q[:, 2], q[:, 3] + 0.5 * noise[:, 2] * q[:, 0]], -1
+        ),
+        dim=-1,
+    )
+    p = found.p[:, 0].numpy() + NOISE * generator.normal(size=(len(t), 3)) * [1, 1, 0]
+    episode = folder / "episodes" / name
+    episode.mkdir(exist_ok=True, parents=True)
+    shift = np.array([FRAME["frame_x"], FRAME["frame_y"], 0.0])
+    write_trajectory(episode / "trajectory.csv", replace(pushed, p_WP=pushed.p_WP - shift))
+    write_pose_table(episode / "object_poses.csv", ObjectPoses(t, p, q.numpy()))
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    folder = write_capture(tmp_path_factory.mktemp("posed") / "capture")
+    read = load_capture(folder)
+    for number, (angle, aside) in enumerate([(0.0, 0.008), (0.5 * np.pi, -0.006), (np.pi, 0.01)]):
+        write_push(folder, read, f"000{number + 1}", log(angle, aside), number)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def two(capture, tmp_path_factory):
+    out = tmp_path_factory.mktemp("twin")
+    return identify(capture, out, episodes=["0001", "0002"], poses="object_poses.csv", options=QUICK)
+
+
+def test_two_faces_tell_the_frame_and_friction(two):
+    for name, true in FRAME.items():
+        one = two.twin.nuisance[name]
+        assert one.interval[0] - 3e-4 < true < one.interval[1] + 3e-4, name
+        assert abs(one.value - true) < 1.5e-3, name
+    friction = two.twin.theta["friction_floor"]
+    assert friction.value == pytest.approx(TRUTH["friction_floor"], rel=0.15)
+    assert friction.interval[0] < TRUTH["friction_floor"] < friction.interval[1]
+    assert two.twin.provenance["poses"]["noise"]["position"][0] == pytest.approx(NOISE, rel=0.3)
+    assert {"start_x.0", "start_x.1", "grip_floor.0"} <= set(two.twin.nuisance)
+    assert "start_x" not in two.twin.nuisance
+
+
+def test_the_frame_predicts_another_push_of_the_same_robot(two, capture):
+    found = predict(two.twin, capture / "episodes/0003")
+    assert found.errors.position[-1] < 1.96 * found.spread.position[-1]
+    still = {name: replace(two.twin.nuisance[name], value=0.0) for name in FRAME}
+    blind = predict(replace(two.twin, nuisance=two.twin.nuisance | still, draws=None), capture / "episodes/0003")
+    assert blind.errors.position[-1] > 2.0 * found.errors.position[-1]
+
+
+def test_one_face_does_not_tell_frame_and_centre_of_mass_apart(capture, tmp_path):
+    one = identify(capture, tmp_path, episodes=["0001"], poses="object_poses.csv", options=QUICK).twin
+    # Along the face, which the push meets head on, both move the line of the push aside of the centre of mass.
+    assert one.provenance["frame"]["note"].startswith("frame and centre of mass cannot be told apart along")
+    assert abs(np.degrees(one.provenance["frame"]["angle"]) - 90.0) < 25.0
+    assert "told apart" in one.nuisance["frame_y"].note
+    low, high = one.nuisance["frame_y"].interval
+    assert low < FRAME["frame_y"] < high
+
+
+def test_a_row_that_jumps_is_named_and_left_out(capture, tmp_path):
+    episode = read_episode(load_capture(capture), "0001")
+    poses = episode.object_poses
+    p = poses.p_WO.copy()
+    p[17] += [0.05, 0.0, 0.0]
+    write_pose_table(tmp_path / "poses.csv", replace(poses, p_WO=p))
+    found = identify(capture, tmp_path / "twin", episodes=["0001"], poses=tmp_path / "poses.csv", options=QUICK)
+    assert found.twin.provenance["poses"]["wrong_lines"] == {"poses.csv": [19]}
+    assert found.twin.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.15)
+
+
+def test_an_episode_without_a_film_is_refused_where_images_are_needed(capture, tmp_path):
+    episode = read_episode(load_capture(capture), "0001")
+    assert not (episode.folder / CAMERA_FILE).exists()
+    assert len(episode.t) == len(episode.object_poses.t)
+    with pytest.raises(InputError, match="pinwm identify --poses"):
+        episode.require_film()
+    with pytest.raises(InputError, match="one file for 2 pushes"):
+        identify(capture, tmp_path, episodes=["0001", "0002"], poses=episode.folder / "object_poses.csv")
+
+
+def test_an_episode_starts_where_its_own_file_says(capture):
+    folder = capture / "episodes/0003"
+    (folder / "start.yaml").write_text("X_WO: {p: [0.01, 0.02, 0.03], q: [1.0, 0.0, 0.0, 0.0]}\n")
+    try:
+        assert read_episode(load_capture(capture), "0003").start.p.tolist() == [0.01, 0.02, 0.03]
+        (folder / "start.yaml").write_text("X_WO: {p: [0.01, 0.02], q: [1.0, 0.0, 0.0, 0.0]}\n")
+        with pytest.raises(InputError, match=r"start\.yaml"):
+            read_episode(load_capture(capture), "0003")
+    finally:
+        (folder / "start.yaml").unlink()
+
+
+def test_a_thrown_object_flies_as_its_start_file_says(capture):
+    folder = capture / "episodes/0003"
+    (folder / "start.yaml").write_text(
+        "X_WO: {p: [0.0, 0.0, 1.0], q: [1.0, 0.0, 0.0, 0.0]}\nV_WO: [0.0, 0.0, 1.5, 0.4, 0.0, 1.0]\n"
+    )
+    try:
+        read = load_capture(capture)
+        episode = read_episode(read, "0003")
+        assert episode.start_velocity.tolist() == [0.0, 0.0, 1.5, 0.4, 0.0, 1.0]
+        scene = make_scene(read.object.mesh_path, read.pusher, q_WO=LEVEL, gravity=9.81)
+        held = {name: torch.full((1,), unknown.nominal).double() for name, unknown in UNKNOWNS.items()}
+        found, alive = Forward(scene, episode, episode.start, 1.0, 1).poses(held)
+        t = torch.from_numpy(episode.t)[:15]  # 0.28 s, in the air
+        assert alive.all()
+        torch.testing.assert_close(found.p[:15, 0, 0], 0.4 * t)
+        torch.testing.assert_close(found.p[:15, 0, 2], 1.0 + t - 0.5 * 9.81 * t**2, atol=0.01, rtol=0.0)
+        assert yaw_of(LEVEL, found.q[14, 0]) == pytest.approx(1.5 * float(t[14]), abs=1e-6)
+    finally:
+        (folder / "start.yaml").unlink()
