@@ -21,7 +21,7 @@ from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
 from pinwm_drake.identification.history import HISTORY_FILE, write_history
 from pinwm_drake.identification.identify import Identification, identify_theta
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pose_fit import identify_poses
+from pinwm_drake.identification.poses.fit import identify_poses
 from pinwm_drake.identification.search import Progress as SearchProgress
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.rendering.fit_options import FitOptions

@@ -18,7 +18,7 @@ from pinwm_drake.experiments.twins import identify, read_pushes, run_provenance
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
+from pinwm_drake.identification.poses.tracker import PoseTracker, PoseTrackerOptions
 from pinwm_drake.identification.unknowns import NUISANCES
 from pinwm_drake.paper.baselines.asid.cross_entropy import GENEROUS, CrossEntropyBudget
 from pinwm_drake.paper.baselines.asid.identify import AsidOptions, identify_asid

@@ -21,7 +21,7 @@ from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.identification.forward import Forward, inertia
 from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene, distinct_pushes
-from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
+from pinwm_drake.identification.poses.tracker import PoseTracker, PoseTrackerOptions
 from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.paper.baselines.asid.cross_entropy import CrossEntropyBudget, Minimum, minimise
 from pinwm_drake.rendering.surfels import Surfels

@@ -8,7 +8,7 @@ from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.identification.pose_tracker import PoseTrackerOptions
+from pinwm_drake.identification.poses.tracker import PoseTrackerOptions
 from pinwm_drake.paper.baselines.asid.cross_entropy import GENEROUS, CrossEntropyBudget
 from pinwm_drake.paper.baselines.asid.identify import AsidOptions, identify_asid, physical
 from pinwm_drake.report.twin.score import pose_errors

@@ -31,8 +31,8 @@ from pinwm_drake.identification.identify import (
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import spaced
-from pinwm_drake.identification.pose_noise import checked, track, white_noise
-from pinwm_drake.identification.pose_surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
+from pinwm_drake.identification.poses.noise import checked, track, white_noise
+from pinwm_drake.identification.poses.surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
 from pinwm_drake.identification.posterior import Posterior, interval
 from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search import Outcome, Progress, representative

@@ -10,7 +10,7 @@ from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.errors import InputError, ParameterError
-from pinwm_drake.identification.pose_tracker import PoseTracker, PoseTrackerOptions
+from pinwm_drake.identification.poses.tracker import PoseTracker, PoseTrackerOptions
 from pinwm_drake.report.twin.score import pose_errors
 from pinwm_drake.spatial.poses import Pose, compose, inverse
 from tests.identification.samples import FRAMES, SIZE, camera, surfels, trajectory, write_capture

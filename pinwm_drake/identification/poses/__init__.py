@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Identification from measured poses in place of images."""
