@@ -46,6 +46,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "evaluate": "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation",
     "export": "pinwm export runs/push/best out/bundle --max-speed 0.1",
     "identify": "pinwm identify capture out/twin; then: pinwm report out/twin",
+    "mask": "pinwm mask mycapture; then: pinwm capture check mycapture",
     "model": "pinwm model out/twin out/model",
     "next-push": "pinwm next-push out/twin -o out/next --low -0.3 -0.3 --high 0.3 0.3",
     "predict": "pinwm predict out/twin capture/episodes/0001 -o out/poses.csv",
