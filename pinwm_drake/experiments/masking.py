@@ -115,6 +115,12 @@ def read_shots(static: Path) -> tuple[list[Shot], dict[int, np.ndarray]]:
     return shots, known
 
 
+def written_masks(static: Path, shots: Sequence[Shot]) -> dict[int, np.ndarray]:
+    """Masks (H, W) bool in the folder `masks`, whoever made them, by the number of the shot."""
+    found = {k: masks_beside(static, static / shot.name) for k, shot in enumerate(shots)}
+    return {k: read_mask(paths[0]) for k, paths in found.items() if len(paths) == 1}
+
+
 def _model(
     capture: UnfinishedCapture, mesh: trimesh.Trimesh | None, shots: Sequence[Shot], found: Found
 ) -> tuple[trimesh.Trimesh, np.ndarray]:
