@@ -20,7 +20,7 @@ LINES = (
     {"geometry"},
     {"physics"},
     {"rendering"},
-    {"capture"},
+    {"capture", "masks"},
     {"station"},
     {"scene"},
     {"twin"},

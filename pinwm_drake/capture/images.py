@@ -37,7 +37,7 @@ def read_image(
     """
     pixels = read_pixels(path)
     if mask_path is not None:
-        mask = _read_mask(mask_path)
+        mask = read_mask(mask_path)
         if mask.shape != pixels.shape[:2]:
             raise InputError(mask_path, value=size_of(mask), allowed=f"{size_of(pixels)}, the size of {path}")
         alpha = mask.astype(np.float32)
@@ -53,6 +53,17 @@ def read_image(
     return image, mask
 
 
+def read_photo(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return a photo (H, W, 3) uint8, sRGB, and the mask (H, W) bool of its alpha; None where it is opaque.
+
+    Raises:
+        InputError: It is missing, truncated or of another kind, or alpha does not tell object from background.
+    """
+    pixels = _read(path, "RGBA")
+    opaque = pixels[..., 3].min() == 255
+    return np.ascontiguousarray(pixels[..., :3]), None if opaque else cut_out(path, pixels[..., 3])
+
+
 def read_size(path: Path) -> tuple[int, int]:
     """Width and height of an image, px.
 
@@ -63,12 +74,8 @@ def read_size(path: Path) -> tuple[int, int]:
     return pixels.shape[1], pixels.shape[0]
 
 
-def read_pixels(path: Path) -> np.ndarray:
-    """Pixels (height, width, 4) uint8 of a picture, sRGB and alpha; errors as for `read_image`."""
-    return _read(path, "RGBA")
-
-
-def _read_mask(path: Path) -> np.ndarray:
+def read_mask(path: Path) -> np.ndarray:
+    """Return a mask (H, W) bool, true where it is 128 and above; raises InputError as `read_image`."""
     grey = _read(path, "L")
     if 0 < grey.max() < ALPHA:
         allowed = f"0, and {ALPHA} to 255 on the object"

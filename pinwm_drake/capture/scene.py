@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from pydantic import AfterValidator, Field, ValidationInfo
 
-from pinwm_drake.capture.paths import require_file
+from pinwm_drake.capture.paths import is_file, require_file
 from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, read_yaml, schema_version
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
@@ -168,6 +168,52 @@ class HeadDocument(Document, extra="ignore"):
 
 class _ObjectOnly(HeadDocument):
     object: ObjectDocument
+
+
+class _UnfinishedObject(Document, extra="ignore"):
+    mesh: Text | None = None
+    X_WO: PoseDocument | None = None
+
+
+class _Unfinished(HeadDocument):
+    floor: FloorDocument = FloorDocument(height=0.0)
+    object: _UnfinishedObject = _UnfinishedObject()
+
+
+@dataclass(frozen=True, eq=False)
+class UnfinishedCapture:
+    """What is known of a capture that may lack its mesh, or its `capture.yaml`.
+
+    Attributes:
+        folder: Folder of the capture.
+        floor_height: m; 0 where nothing tells it.
+        mesh_path: File of the object's mesh that is there; or None.
+        X_WO: Pose of the object that the file gives; or None.
+        episode_names: The folders in `episodes`, sorted.
+    """
+
+    folder: Path
+    floor_height: float
+    mesh_path: Path | None
+    X_WO: Pose | None
+    episode_names: list[str]
+
+
+def load_unfinished(capture: str | Path) -> UnfinishedCapture:
+    """Read what is there of a capture that is being made.
+
+    Raises:
+        InputError: There is no such folder, or a key that is there is refused; see `load_capture`.
+    """
+    folder = Path(capture)
+    if not folder.is_dir():
+        raise InputError(folder, value="no such folder", allowed="a capture: a folder with static/transforms.json")
+    found = read_yaml(folder / CAPTURE_FILE).read(_Unfinished) if is_file(folder / CAPTURE_FILE) else None
+    found = found or _Unfinished(schema_version=SCHEMA_VERSION)
+    mesh = found.object.mesh
+    mesh_path = folder / mesh if mesh is not None and is_file(folder / mesh) else None
+    X_WO = None if found.object.X_WO is None else found.object.X_WO.pose()
+    return UnfinishedCapture(folder, found.floor.height, mesh_path, X_WO, episode_names(folder))
 
 
 class CaptureDocument(HeadDocument, extra="forbid"):

@@ -115,6 +115,22 @@ def named_mask(masks: Path, image_path: Path, below: Path, images: Path) -> Path
     return found[0]
 
 
+def mask_place(folder: Path, image_path: Path) -> Path:
+    """Path at which `find_mask` looks for the mask of an image that has none yet."""
+    twins = [path for path in _pictures(image_path.parent, image_path.stem) if path.stem == image_path.stem]
+    stem = image_path.stem if len(twins) <= 1 else image_path.name
+    parts = image_path.relative_to(folder).parts if image_path.is_relative_to(folder) else (image_path.name,)
+    below = () if ".." in parts else parts[1:-1]
+    return folder.joinpath("masks", *below, f"{stem}.png")
+
+
+def masks_beside(folder: Path, image_path: Path) -> list[Path]:
+    """Pictures that may be the mask of an image, as `find_mask` has them; others may have none."""
+    place = mask_place(folder, image_path).parent
+    found = _pictures(place, image_path.stem) if place.is_dir() else []
+    return [path for path in found if path.stem in (image_path.stem, image_path.name)]
+
+
 def is_picture(path: Path) -> bool:
     """Flag: a file is a picture by its name, and not hidden."""
     return path.suffix.lower() in PICTURES and not path.name.startswith(".") and is_file(path)

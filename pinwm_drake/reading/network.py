@@ -5,7 +5,7 @@ import math
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import onnx
 from onnx import shape_inference
@@ -22,26 +22,42 @@ Identity LayerNormalization LeakyRelu Less LessOrEqual Log MatMul Max Min Mod Mu
 Reciprocal ReduceL2 ReduceMax ReduceMean ReduceMin ReduceProd ReduceSum Relu Reshape Round Selu Shape Sigmoid
 Sign Sin Slice Softmax Softplus Split Sqrt Squeeze Sub Tanh Tile Transpose Unsqueeze Where Xor
 """
-_MOST_BYTES, _MOST_NODES, _MOST_NUMBERS, _MOST_WORK = 2**26, 10_000, 2**25, 10**10
+_MOST_NODES = 10_000
+
+
+class Limits(NamedTuple):
+    """Limits of a network: bytes, numbers in all values, multiplications, and operators besides the usual ones."""
+
+    size: int
+    numbers: int
+    work: int
+    more: frozenset[str] = frozenset()
+
+
+POLICY = Limits(2**26, 2**25, 10**10)
+SEGMENTER = Limits(
+    2**30, 2**30, 10**13, frozenset(["AveragePool", "ConvTranspose", "GlobalAveragePool", "MaxPool", "Resize"])
+)
 _Result = TypeVar("_Result")
 
 
-def check_network(content: bytes, path: Path) -> None:
+def check_network(content: bytes, path: Path, limits: Limits = POLICY) -> None:
     """Check the operators, weights and sizes of a network before anything runs it.
 
     Args:
         content: Contents of the ONNX file.
         path: Path that messages name.
+        limits: What is allowed.
 
     Raises:
         InputError: An operator is not known, holds a graph or is of another domain, weights lie in other files, or
             the size of a value is not known or too large.
     """
-    if len(content) > _MOST_BYTES:
-        raise InputError(path, value=f"{len(content)} bytes", allowed=f"{_MOST_BYTES} bytes at most")
+    if len(content) > limits.size:
+        raise InputError(path, value=f"{len(content)} bytes", allowed=f"{limits.size} bytes at most")
     with guarded(path, _ALLOWED):
         model = onnx.load_from_string(content)
-        graph, known = model.graph, frozenset(_OPERATORS.split())
+        graph, known = model.graph, limits.more.union(_OPERATORS.split())
         if len(model.functions) or len(graph.sparse_initializer) or len(graph.node) > _MOST_NODES:
             found = f"{len(graph.node)} nodes, {len(model.functions)} functions"
             raise InputError(path, value=found, allowed=f"{_MOST_NODES} nodes at most, no functions")
@@ -54,13 +70,13 @@ def check_network(content: bytes, path: Path) -> None:
         for tensor in (*graph.initializer, *constants):
             if tensor.external_data or tensor.data_location:
                 raise InputError(path, value=f"{tensor.name} in another file", allowed="weights inside of the network")
-            if any(length < 0 for length in tensor.dims) or math.prod(tensor.dims) > _MOST_BYTES:
+            if any(length < 0 for length in tensor.dims) or math.prod(tensor.dims) > limits.size:
                 raise InputError(path, value=f"{tensor.name} of {list(tensor.dims)}", allowed="sizes that make sense")
         del graph.value_info[:]  # what it says of itself does not count
-        _check_sizes(shape_inference.infer_shapes(model, strict_mode=True, data_prop=True).graph, path)
+        _check_sizes(shape_inference.infer_shapes(model, strict_mode=True, data_prop=True).graph, path, limits)
 
 
-def _check_sizes(graph: Any, path: Path) -> None:
+def _check_sizes(graph: Any, path: Path, limits: Limits) -> None:
     """Raise InputError where the size of a value is not known or too large, or a layer is too much work."""
     shapes = {one.name: list(one.dims) for one in graph.initializer}
     for value in (*graph.input, *graph.value_info, *graph.output):
@@ -74,14 +90,14 @@ def _check_sizes(graph: Any, path: Path) -> None:
         if unknown:
             raise InputError(path, value=f"{unknown[0]} of a size that is not known", allowed="shapes that are fixed")
         terms = 1  # that one number is the sum of
-        if node.op_type == "Conv":
+        if node.op_type in ("Conv", "ConvTranspose"):
             terms = math.prod(shapes[node.input[1]][1:])
         elif node.op_type in ("Gemm", "MatMul"):
             terms = max(shapes[node.input[0]], default=1)
         work += terms * sum(math.prod(shapes[name]) for name in node.output if name)
-    if numbers > _MOST_NUMBERS or work > _MOST_WORK:
+    if numbers > limits.numbers or work > limits.work:
         value = f"{numbers} numbers, {work} multiplications"
-        raise InputError(path, value=value, allowed=f"{_MOST_NUMBERS} and {_MOST_WORK} at most")
+        raise InputError(path, value=value, allowed=f"{limits.numbers} and {limits.work} at most")
 
 
 def within(seconds: float, call: Callable[[], _Result], path: Path) -> _Result:

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: MIT
+"""Mesh of a capture's object: a file that is repaired, depths that are fused, or the hull of its masks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+
+from pinwm_drake.capture.scene import load_unfinished
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments.masking import read_shots, written_masks
+from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.geometry.hull.repair import read_repaired
+from pinwm_drake.geometry.hull.surface import hull_mesh
+from pinwm_drake.geometry.hull.visual import Grid, carve
+from pinwm_drake.geometry.meshes import load_mesh
+from pinwm_drake.masks.shots import Shot, aimed_at
+from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose
+from pinwm_drake.reading.contents import read_bytes
+
+HULL_ERROR = 2e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
+_REACH, _VOXELS = 0.31, 72  # as in pinwm_drake/masks: of the distance of the cameras; along the diameter
+_POOR = 0.1  # share of differing pixels above which a mesh is doubtful
+_MILLIMETRE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Meshed:
+    """Mesh of an object.
+
+    Attributes:
+        path: File of the mesh.
+        mesh: The mesh, m, frame O.
+        kind: "file", "depths" or "hull".
+        done: What was done to it, in words.
+        pose: Pose of the mesh by the masks; None where there are none.
+        warnings: What is doubtful, in words.
+    """
+
+    path: Path
+    mesh: trimesh.Trimesh
+    kind: str
+    done: list[str]
+    pose: StartPose | None
+    warnings: list[str]
+
+
+def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = None, replace: bool = False) -> Meshed:
+    """Write a closed mesh of a capture's object, in metres, of 2,000 triangles at most.
+
+    Args:
+        folder: The capture.
+        source: CAD file or scan; None for the depths in `static/depth`, or else the hull of the masks.
+        out: File of the mesh; None for `meshes/object.obj` of the capture.
+        replace: Flag: a mesh that is there is replaced.
+
+    Raises:
+        InputError: A file is refused or there already, or there is nothing to make a mesh of.
+    """
+    capture, out = load_unfinished(folder), out or folder / "meshes/object.obj"
+    if out.exists() and not replace:
+        raise InputError(out, value="a file that is there already", allowed="another --out, or --replace")
+    static = folder / "static"
+    shots, known = read_shots(static) if (static / "transforms.json").is_file() else ([], {})
+    known = written_masks(static, shots) | known
+    rows = sorted(known)
+    shots, masks = [shots[k] for k in rows], [known[k] for k in rows]
+    points, coarse = _coarse_hull(shots, masks, capture.floor_height)
+    doubts: list[str] = []
+    if source is not None:
+        extent = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else None
+        mesh, done = read_repaired(source, extent)
+        kind = "file"
+    else:
+        if not len(points):
+            raise InputError(static, value="no masks that agree on a thing", allowed="masks, or a file: --from FILE")
+        depths = read_depths(static, shots)
+        made = hull_mesh(masks, [s.P for s in shots], points, coarse, capture.floor_height, depths)
+        if made is None:
+            raise InputError(static, value="no thing that all masks show", allowed="masks that agree")
+        mesh, kind, done = made, "hull" if depths is None else "depths", [f"{len(made.faces)} triangles"]
+        middle = mesh.bounds.mean(axis=0) * [1, 1, 0] + [0, 0, capture.floor_height]
+        mesh.apply_translation(-middle)
+        if kind == "hull":
+            doubts.append(
+                "this is the hull of the masks: cups are filled, flat tops are domes without grazing views, and sides "
+                f"are off by up to {1e3 * HULL_ERROR:.0f} mm"
+            )
+    pose = find_start_pose(Outlines.of(shots, masks), mesh, capture.floor_height) if shots else None
+    if pose is not None and pose.differing > _POOR:
+        doubts.append(f"outlines of the mesh and masks differ by {pose.differing:.0%} of the object: look at the masks")
+    prepare_folder(out.parent)
+    with replacing(out) as temporary:
+        mesh.export(temporary, file_type="obj")
+        load_mesh(temporary)
+    return Meshed(out, mesh, kind, done, pose, doubts)
+
+
+def read_depths(static: Path, shots: Sequence[Shot]) -> list[np.ndarray] | None:
+    """Depths (H, W) float32 [m] along the cameras' axes, 0 where unknown; None where there is no folder `depth`.
+
+    `static/depth` has a PNG of 16 bits for each image, in mm, or a TIFF of floats, in m, of the same name and size.
+
+    Raises:
+        InputError: A file is missing, of another kind, or of another size.
+    """
+    folder, depths = static / "depth", []
+    if not folder.is_dir():
+        return None
+    for shot in shots:
+        paths = [folder / f"{Path(shot.name).stem}{end}" for end in (".png", ".tif", ".tiff")]
+        path = next((path for path in paths if path.is_file()), None)
+        if path is None:
+            raise InputError(paths[0], value="no such file", allowed=f"the depths of {shot.name}")
+        picture = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
+        if picture is None or picture.ndim != 2 or picture.dtype not in (np.uint16, np.float32):
+            raise InputError(path, value="another kind of picture", allowed="16-bit PNG in mm, or float TIFF in m")
+        if picture.shape != shot.shape:
+            raise InputError(path, value=f"{picture.shape[1]} x {picture.shape[0]} px", allowed="the image's size")
+        scale = _MILLIMETRE if picture.dtype == np.uint16 else 1.0
+        depths.append(np.nan_to_num(picture.astype(np.float32) * np.float32(scale), posinf=0.0))
+    return depths
+
+
+def _coarse_hull(shots: Sequence[Shot], masks: Sequence[np.ndarray], floor: float) -> tuple[np.ndarray, float]:
+    """Points (n, 3) [m] of the hull of masks, few of which may be wrong, and their distance [m]."""
+    if len(shots) < 3:
+        return np.zeros((0, 3)), 0.0
+    middle = aimed_at(shots)
+    middle[2] = floor
+    radius = _REACH * float(np.median([np.linalg.norm(shot.p_WC - middle) for shot in shots]))
+    low, high = middle - radius, middle + radius
+    low[2], high[2] = floor, floor + 2 * radius
+    grid = Grid.between(low, high, 2 * radius / _VOXELS)
+    flags = carve(masks, [shot.P for shot in shots], grid, len(shots) // 12)
+    return grid.points()[flags.ravel()].astype(float), grid.voxel

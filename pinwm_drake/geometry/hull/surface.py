@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: MIT
+"""Closed meshes from fields of signed distances: the hull of masks, and depths fused within it."""
+
+from collections.abc import Sequence
+
+import manifold3d
+import numpy as np
+import trimesh
+from scipy import ndimage
+
+from pinwm_drake.geometry.hull.repair import as_mesh, simplified
+from pinwm_drake.geometry.hull.visual import Grid, hull_depths, sampled, signed_distance
+
+_VOXELS = 70  # along the largest extent of the object
+_MISSES = 1  # masks that may be wrong at a point
+_ROOM = 2  # voxels of the coarse hull around its points
+_BAND = 3.3  # voxels around a surface in which depths count
+_SMOOTH = 0.7  # voxels, of the noise of depths
+
+
+def hull_mesh(
+    masks: Sequence[np.ndarray],
+    projections: Sequence[np.ndarray],
+    points: np.ndarray,
+    coarse: float,
+    floor: float,
+    depths: Sequence[np.ndarray] | None = None,
+) -> trimesh.Trimesh | None:
+    """Closed mesh [m, world] of what masks leave, cut off at the table; None where they leave nothing.
+
+    The hull fills cups and rounds what no photo shows from the side. Depths carve what it fills.
+
+    Args:
+        masks: (H, W) bool each.
+        projections: (3, 4) each.
+        points: (n, 3) m: points of a coarse hull.
+        coarse: m, between them.
+        floor: Height of the table, m, world.
+        depths: (H, W) float32 each, m along the camera's axis, 0 where nothing is known; or None.
+    """
+    if not len(points):
+        return None
+    low, high = points.min(axis=0) - _ROOM * coarse, points.max(axis=0) + _ROOM * coarse
+    voxel = float((high - low).max()) / _VOXELS
+    low[2] = floor - voxel
+    grid = Grid.between(low, high, voxel)
+    places = grid.points()
+    field = hull_depths([signed_distance(mask) for mask in masks], projections, places, min(_MISSES, len(masks) - 1))
+    if depths is not None:
+        field = np.minimum(field, _fused(depths, projections, places, _BAND * voxel))
+    values = field.reshape(grid.shape)
+    values = ndimage.gaussian_filter(values, _SMOOTH) if depths is not None else values
+    made = _surface(values, grid)
+    made = made.trim_by_plane([0.0, 0.0, 1.0], floor)
+    pieces = made.decompose()
+    if not pieces:
+        return None
+    return as_mesh(simplified(max(pieces, key=lambda piece: piece.volume())))
+
+
+def _surface(values: np.ndarray, grid: Grid) -> manifold3d.Manifold:
+    """Surface where values (nx, ny, nz) at the points of a grid change their sign, linear in between."""
+    nx, ny, nz = grid.shape
+    flat, ystep, xstep = values.ravel().tolist(), nz, ny * nz
+    x0, y0, z0 = grid.low.tolist()
+    scale = 1.0 / grid.voxel
+
+    def value(x: float, y: float, z: float) -> float:
+        u, v, w = (x - x0) * scale, (y - y0) * scale, (z - z0) * scale
+        i, j, k = int(u), int(v), int(w)
+        i, j, k = min(max(i, 0), nx - 2), min(max(j, 0), ny - 2), min(max(k, 0), nz - 2)
+        a, b, c = u - i, v - j, w - k
+        n = i * xstep + j * ystep + k
+        p = flat[n] + c * (flat[n + 1] - flat[n])
+        q = flat[n + ystep] + c * (flat[n + ystep + 1] - flat[n + ystep])
+        n += xstep
+        r = flat[n] + c * (flat[n + 1] - flat[n])
+        s = flat[n + ystep] + c * (flat[n + ystep + 1] - flat[n + ystep])
+        p += b * (q - p)
+        r += b * (s - r)
+        return p + a * (r - p)
+
+    high = grid.low + grid.voxel * (np.array(grid.shape) - 1)
+    return manifold3d.Manifold.level_set(value, [*grid.low.tolist(), *high.tolist()], 1.5 * grid.voxel)
+
+
+def _fused(
+    depths: Sequence[np.ndarray], projections: Sequence[np.ndarray], points: np.ndarray, band: float
+) -> np.ndarray:
+    """Distances (n,) [m] of points from the surface that depths show, positive inside, within a band.
+
+    Source: Curless and Levoy, "A volumetric method for building complex models from range images" (1996).
+    """
+    total, number = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
+    for picture, P in zip(depths, projections, strict=True):
+        seen, _ = sampled((picture > 0).astype(np.float32), P, points, 0.0)
+        value, depth = sampled(picture.astype(np.float32), P, points, 0.0)
+        behind = depth - value
+        counts = (seen > 0.999) & (behind < band)
+        total[counts] += np.maximum(behind[counts], -band)
+        number[counts] += 1
+    return np.where(number > 0, total / np.maximum(number, 1), band)
