@@ -143,8 +143,9 @@ def read_episode(capture: Capture, name: str) -> Episode:
     own, *others = (
         View(path.name, path, *read_fixed_camera(path), *read_frame_table(path, trajectory.t)) for path in folders
     )
-    more = {"others": tuple(others), "clock": read_clock(folder), "own_start": start}
-    return Episode(**vars(own), trajectory=trajectory, object_poses=poses, **more)
+    clock = read_clock(folder)
+    own_all = {**vars(own), "trajectory": trajectory, "object_poses": poses}
+    return Episode(**own_all, others=tuple(others), clock=clock, own_start=start)
 
 
 def is_filmed(folder: Path) -> bool:

@@ -59,7 +59,7 @@ def read_photo(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     Raises:
         InputError: It is missing, truncated or of another kind, or alpha does not tell object from background.
     """
-    pixels = _read(path, "RGBA")
+    pixels = read_pixels(path)
     opaque = pixels[..., 3].min() == 255
     return np.ascontiguousarray(pixels[..., :3]), None if opaque else cut_out(path, pixels[..., 3])
 
@@ -72,6 +72,11 @@ def read_size(path: Path) -> tuple[int, int]:
     """
     pixels = _read(path, "L")
     return pixels.shape[1], pixels.shape[0]
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """Pixels (height, width, 4) uint8 of a picture, sRGB and alpha; errors as for `read_image`."""
+    return _read(path, "RGBA")
 
 
 def read_mask(path: Path) -> np.ndarray:

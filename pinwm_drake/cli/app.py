@@ -61,6 +61,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "view": "pinwm view out/align --html out/object.html --video out/object.mp4",
 }
 _PACKAGE = "pinwm_drake.cli"
+_LAB = {"calibrate", "mask", "mesh", "pose"}  # in a folder of their own
 
 
 class _LazyCommand(TyperCommand):
@@ -72,17 +73,18 @@ class _LazyCommand(TyperCommand):
 
 
 def _add_command(name: str, example: str) -> None:
-    """Add a command, or a group of commands, of the module `pinwm_drake.cli.NAME`.
+    """Add a command, or a group of commands, of the module `pinwm_drake.cli.NAME` or `pinwm_drake.cli.lab.NAME`.
 
     The module defines a function of this name, whose docstring is the help. A command's function takes a request; a
     group's module defines `NAME_app` as well.
     """
     function = name.replace("-", "_")
+    package = f"{_PACKAGE}.lab" if name in _LAB else _PACKAGE
 
     def load() -> Any:
         from pinwm_drake.cli.command import add_command
 
-        module = importlib.import_module(f"{_PACKAGE}.{function}")
+        module = importlib.import_module(f"{package}.{function}")
         group = getattr(module, f"{function}_app", None)
         if group is None:
             run = getattr(module, function)
@@ -91,17 +93,17 @@ def _add_command(name: str, example: str) -> None:
             add_command(group, request, run, name=name, example=example)
         return typer.main.get_command(group)
 
-    app.command(name, cls=_LazyCommand, help=_docstring(function))(load)
+    app.command(name, cls=_LazyCommand, help=_docstring(package, function))(load)
 
 
-def _docstring(function: str) -> str:
+def _docstring(package: str, function: str) -> str:
     """Docstring of a command's function, read from the source of its module."""
-    source = pkgutil.get_data(_PACKAGE, f"{function}.py")
+    source = pkgutil.get_data(package, f"{function}.py")
     assert source is not None
     for node in ast.parse(source).body:
         if isinstance(node, ast.FunctionDef) and node.name == function:
             return ast.get_docstring(node) or ""
-    raise LookupError(f"{_PACKAGE}.{function} has no function {function}")
+    raise LookupError(f"{package}.{function} has no function {function}")
 
 
 for _name, _example in _EXAMPLES.items():
