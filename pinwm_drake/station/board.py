@@ -28,7 +28,7 @@ _WINDOW = 0.2  # of a square's side in the photo: half the side of the window in
 
 @dataclass(frozen=True)
 class Board:
-    """ChArUco board.
+    """ChArUco board as it was printed.
 
     Attributes:
         squares: Numbers of squares along x and y.

@@ -34,7 +34,7 @@ _MOST_DAMPING = 1e8
 
 @dataclass(eq=False)
 class Block:
-    """Unknown pose.
+    """Unknown pose of the adjustment.
 
     Attributes:
         X: (4, 4), the present value.

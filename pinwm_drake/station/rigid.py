@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
@@ -36,7 +37,9 @@ def apply(X_AB: np.ndarray, p_B: np.ndarray) -> np.ndarray:
 
 def turn(R: np.ndarray) -> np.ndarray:
     """Rotation vector (3,) [rad] of a rotation (3, 3) or the rotation of a transform (4, 4)."""
-    return cv2.Rodrigues(np.ascontiguousarray(R[:3, :3]))[0].ravel()
+    # OpenCV's inverse of Rodrigues' formula gives 0 below 1e-5 rad.
+    turned: np.ndarray = Rotation.from_matrix(R[:3, :3]).as_rotvec()
+    return turned
 
 
 def apart(X: np.ndarray, Y: np.ndarray) -> tuple[float, float]:

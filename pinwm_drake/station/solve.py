@@ -58,7 +58,7 @@ class Solution:
 
     @property
     def lens(self) -> Lens:
-        """The lens."""
+        """Lens at the solution."""
         return self.bundle.lens
 
 
