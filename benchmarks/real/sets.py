@@ -17,7 +17,7 @@ from pinwm_drake.identification.options import IdentifyOptions
 TRIES = 3  # of one push
 # Spread of the pressure of CMU's points against that of an even one, along x and y.
 POINTS = {"10_130": (1.6, 1.6), "30_90": (0.8, 0.8), "10_90": (1.13, 1.33), "patch": (1.0, 1.0)}
-_TRIANGLE_FIT = 15
+_TRIANGLE_FIT = 10
 # Unknowns of a slow push in the plane: the others have no part in it.
 PLANAR = (
     *("friction_floor", "friction_pusher", "support_x", "support_y", "center_x", "center_y", "contact_offset"),
@@ -69,7 +69,7 @@ def _pair(path: Path, out: Path, tests: int) -> tuple[Path, int, range, dict[str
 
 
 def triangle(data: Path, out: Path, tests: int) -> Iterable[Job]:
-    """CMU's triangle on points that are known: each set by 15 of its pushes, evenly spaced."""
+    """CMU's triangle on points that are known: each set by 10 of its pushes, evenly spaced."""
     for path in sorted((data / "cmu_triangle").glob("*.npz")):
         pushes = captures.triangle_pushes(dict(np.load(path)))
         folder = out / "captures" / path.stem

@@ -133,7 +133,8 @@ def confusion(draws: Draws | None, q_WO: Tensor) -> Confusion | None:
         one, other = frame @ u, center @ u
         if one.std() > _LEAST and other.std() > 0.0:
             found.append(Confusion(float(angle), float(np.corrcoef(one, other)[0, 1]), float(one.std())))
-    return max((one for one in found if abs(one.correlation) > _ALIKE), key=lambda one: one.spread, default=None)
+    alike = [one for one in found if abs(one.correlation) > _ALIKE]
+    return max(alike, key=lambda one: abs(one.correlation) * one.spread, default=None)
 
 
 def yaw_of(q_WA: Tensor, q_WB: Tensor) -> float:
