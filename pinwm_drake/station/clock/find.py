@@ -13,7 +13,8 @@ from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 SPAN = 1.5  # s, by which clocks may differ
 # Least correlations of a film with its log: those of 44 rendered films are 0.37 and 1.18 at least.
 _STILL, _SCORE = 0.33, 1.1
-_ALIVE, _BOTH = 0.5, 0.6  # least correlations of motion and of both parts of a film that may be cut
+_ALIVE, _BOTH, _CLEAR = 0.5, 0.6, 0.05  # least correlations of motion and both parts of a cut film, and the gain
+_NEAR = np.arange(-0.4, 0.45, 0.1)  # s, from the guess to offsets that parts of a film may have
 _SURE = 0.025  # s, of the deviation
 _RATES = (0.5, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 2.0)
 # By which the score of another rate has to be higher, also where the offset is not sure.
@@ -71,9 +72,11 @@ def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: 
     if _trusted(wide):
         found = f"stamps of another clock: the log shows this motion {wide.offset - around:+.2f} s away"
         return InputError(path, value=found, allowed=f"clocks within {span:g} s, or --offset {wide.offset:.2f}")
-    cut = find_cut(film, guess.stillest) if guess.motion > _ALIVE else None
-    if cut is not None and cut[3] >= _BOTH:
-        return _cut(path, *cut)
+    # Of a film that is cut, the guess may lie between the offsets of its parts.
+    near = guess.offset + _NEAR if guess.motion > _ALIVE else []
+    cuts = [cut for one in near if (cut := find_cut(film, float(one))) and cut[3] >= _BOTH and cut[2] >= _CLEAR]
+    if cuts:
+        return _cut(path, *max(cuts, key=lambda cut: cut[2]))
     found = f"the log of another run: its motion agrees by {guess.still:.2f} within {span:g} s"
     allowed = f"{_STILL:g} or more; check --log, the columns' axes and the camera's pose"
     return InputError(path, value=found, allowed=allowed)
