@@ -119,7 +119,7 @@ def _cut(path: Path, time: float, jump: float, gain: float, both: float) -> Inpu
     return InputError(path, value=found, allowed="a film in one piece, or with stamps that tell the gap")
 
 
-def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float, better: float = _BETTER) -> Guess | None:
+def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> Guess | None:
     """Guess at another rate that suits the film much better; None where there is none."""
     if guess.score > 2 - 2 * _BETTER:
         return None
