@@ -122,7 +122,8 @@ def find_start_pose(
 def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     """Return the directions (3,), frame O, that may point upwards where a mesh rests on a plane, likely ones first."""
     poses, shares = trimesh.poses.compute_stable_poses(mesh, n_samples=1, threshold=0.0)
-    ups, sums = [], []
+    ups: list[np.ndarray] = []
+    sums: list[float] = []
     for X, share in zip(poses, shares, strict=True):
         up = X[2, :3]
         near = [k for k, other in enumerate(ups) if up @ other > np.cos(_SAME_FACE)]

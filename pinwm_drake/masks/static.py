@@ -18,10 +18,7 @@ _LONGEST = 320  # px, of the boxes that are worked on
 _ROOM = 0.35  # of the radius of a mesh, around it
 _FITS = 0.15  # share of differing pixels up to which the outlines of a mesh lie on the masks
 _SHOWN = 0.6  # share of the object's place that has to differ from the table
-_SCALE, _MIRRORED = (
-    3.0,
-    0.6,
-)  # ratio of sizes of two units; of the misfit of a mirrored mesh that is right
+_SCALE, _MIRRORED = 3.0, 0.6  # ratio of sizes of two units; of the misfit, that of a mirrored mesh that is right
 _RIVAL = 0.3  # of the hull: size of a second thing
 _CUT_OFF = 3  # px of a mask along the border of a photo
 _NARROW = 16  # px, of a box in which nothing can be told
@@ -85,9 +82,9 @@ def find_masks(
         masks[k] = shot.pasted(mask)
     plain = list(masks)
     if mesh is not None and pose is not None:
-        for k, shot in enumerate(shots):
-            if _wide(box := shot.box(_corners(mesh, pose.X_WO), _ROOM)):
-                close = shot.close_up(box, _LONGEST)
+        for k, photo in enumerate(shots):
+            if _wide(box := photo.box(_corners(mesh, pose.X_WO), _ROOM)):
+                close = photo.close_up(box, _LONGEST)
                 masks[k] = close.pasted(mesh_mask(close, mesh, pose.X_WO))
         doubts += _doubts_of_mesh(Outlines.of(shots, plain), mesh, floor, pose, found)
     masks = [known.get(k, mask) for k, mask in enumerate(masks)]
