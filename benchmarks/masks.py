@@ -54,8 +54,9 @@ def main() -> None:
             name: of(case, folder, given.poses) if name == "pose" else of(case, folder) for name, of in measured.items()
         }
         print(case.name, json.dumps(figures[case.name]), flush=True)
+        options = f"--sets {given.sets} --parts {given.parts} --poses {given.poses}"
         record = {
-            "command": f"python -m benchmarks.masks OUT --sets {given.sets} --parts {given.parts} --poses {given.poses}",
+            "command": f"python -m benchmarks.masks OUT {options}",
             "of": f"{len(figures)} of {len(CASES)} sets, {ABOVE} views from above and {GRAZING} grazing ones each",
             "machine": machine(),
             "date": timestamp(),

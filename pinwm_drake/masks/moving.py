@@ -99,7 +99,7 @@ def _held(pusher: trimesh.Trimesh, X_WP: np.ndarray, height: float) -> trimesh.T
     low = pusher.vertices @ X_WP[:3, :3].T + X_WP[:3, 3]
     middle = low.mean(axis=0)
     wide = middle + (low - middle) * [_WIDER, _WIDER, 1]
-    return trimesh.convex.convex_hull(np.concatenate([wide, wide + [0, 0, height]]))
+    return trimesh.convex.convex_hull(np.concatenate([wide, wide + np.array([0, 0, height])]))
 
 
 def _ahead(before: np.ndarray, now: np.ndarray) -> np.ndarray:
