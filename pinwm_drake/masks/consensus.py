@@ -2,7 +2,7 @@
 """Masks of a thing on a table without a mesh: what differs from the table, agrees in all photos, and has an edge."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ Segmenter = Callable[[CloseUp, np.ndarray, tuple[float, float, float, float]], n
 
 _VOXELS = 72  # along the diameter of the ball in which the thing is looked for
 _ROUNDS = ((4, 8), (2, 6))  # photos that may miss a point of the hull, of 24: at first, and where nothing is left
-_OF, _GAP = 24, 1  # the same, where a gap between two things is looked for
+_OF = 24
 _LOWEST = 3  # layers of the grid, one of which a thing on the table reaches
 _LIFT = 1e-3  # m, of the lowest points above the table
 _BEYOND = 0.5  # of the radius: how fast a part counts less with its distance from the middle
@@ -99,8 +99,7 @@ def consensus(
             masks = _cut(shots, masks, outlines, differences, least, known, found is None)
         found = Consensus(masks, outlines, points, grid.voxel, rivals if found is None else found.rivals, earlier)
     assert found is not None
-    # Things side by side are one hull where photos may miss a point; few photos look through the gap.
-    return replace(found, rivals=found.rivals + _hull(found.masks, projections, grid, (_GAP,), middle)[1])
+    return found
 
 
 def _cut(

@@ -59,7 +59,7 @@ def follow(
         lab, hidden = cv2.cvtColor(shot.image, cv2.COLOR_RGB2LAB), shot.outline(pusher, X_P)
         above = shot.outline(_held(pusher, X_P, 2 * mesh.scale), np.eye(4))
         if counts is None:
-            counts = histogram(lab, grown(mesh_mask(shot, mesh, X_WO), -2) & ~grown(hidden, _NEAR))
+            counts = histogram(lab, grown(mesh_mask(shot, mesh, X_WO), -2) & ~grown(hidden | above, _NEAR))
         cut = np.zeros(shot.shape, bool)
         for _ in range(_ROUNDS if number else 1):
             outline = shot.outline(mesh, X_WO)
@@ -73,7 +73,7 @@ def follow(
         found = mesh_mask(shot, mesh, X_WO)
         behind = _hidden(lab, found, hidden, above, counts)
         found &= ~behind
-        counts = counts + histogram(lab, grown(found, -2))  # sides come into view, and lamps shade them anew
+        counts = counts + histogram(lab, grown(found, -2) & ~above)  # sides come into view, and lamps shade them anew
         union = int((found | cut).sum())
         agrees = (found & cut).sum() / union if union else 0.0
         yield (
