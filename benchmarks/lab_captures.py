@@ -76,7 +76,7 @@ def write_photos(
         frames.append((f"images/{name}.jpg", camera, as_pose(disturbed(X_WC, rng))))
     write_posed_images(out / "static/transforms.json", frames)
     np.savez(out / TRUTH / "poses.npz", **truth)
-    _write_scene(out, lab, case, X_WO)
+    _write_scene(out, lab, case)
     return out
 
 
@@ -119,7 +119,8 @@ def write_film(case: Case, out: Path, *, frames: int = 24) -> Path:
     return folder
 
 
-def _write_scene(out: Path, lab: Lab, case: Case, X_WO: RigidTransform) -> None:
+def _write_scene(out: Path, lab: Lab, case: Case) -> None:
+    """Write the mesh, and `capture.yaml` with a pose of which nobody knows anything."""
     (out / "meshes").mkdir(exist_ok=True)
     lab.mesh.export(out / "meshes/object.obj")
     write_capture_yaml(
@@ -127,7 +128,7 @@ def _write_scene(out: Path, lab: Lab, case: Case, X_WO: RigidTransform) -> None:
         name=case.object,
         mesh="meshes/object.obj",
         mass=None,
-        X_WO=as_pose(X_WO),
+        X_WO=as_pose(RigidTransform([0, 0, -lab.mesh.bounds[0, 2]])),
         pusher_mesh=None,
         pusher_shape=PusherShape("sphere", TIP),
         floor_height=0.0,

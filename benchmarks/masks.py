@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Masks, start poses and meshes of rendered labs, against the bars.
 
-    python -m benchmarks.masks OUT [--sets 8] [--parts static,moving,pose,mesh] [--write]
+    python -m benchmarks.masks OUT [--sets 8] [--parts static,moving,pose,mesh] [--poses 25] [--write]
 
 `--write` stores the figures in docs/results/masks.json. Captures in OUT are made once.
 """
@@ -31,7 +31,7 @@ from pinwm_drake.provenance import timestamp, versions
 RESULTS = Path(__file__).resolve().parent.parent / "docs/results/masks.json"
 ABOVE, GRAZING = 16, 8  # photos of a set
 PARTS = ("static", "moving", "pose", "mesh")
-_POSES, _VIEWS = 25, 12  # poses of each object, views of each
+_POSES, _VIEWS = 25, 12  # poses of each set, views of each
 
 
 def main() -> None:
@@ -40,6 +40,7 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="folder of the captures")
     parser.add_argument("--sets", type=int, default=len(CASES), help="number of sets")
     parser.add_argument("--parts", default=",".join(PARTS), help="parts with commas between them")
+    parser.add_argument("--poses", type=int, default=_POSES, help="number of poses of each set")
     parser.add_argument("--write", action="store_true", help="store the figures")
     given = parser.parse_args()
     parts, cases = given.parts.split(","), CASES[: given.sets]
@@ -48,19 +49,24 @@ def main() -> None:
         folder = given.out / case.name
         if not (folder / TRUTH / "poses.npz").is_file():
             write_photos(case, folder, above=ABOVE, grazing=GRAZING, depth=True)
-        figures[case.name] = {name: globals()[f"measure_{name}"](case, folder) for name in PARTS if name in parts}
+        measured = {name: globals()[f"measure_{name}"] for name in PARTS if name in parts}
+        figures[case.name] = {
+            name: of(case, folder, given.poses) if name == "pose" else of(case, folder) for name, of in measured.items()
+        }
         print(case.name, json.dumps(figures[case.name]), flush=True)
-    record = {
-        "command": f"python -m benchmarks.masks OUT --sets {given.sets} --parts {given.parts}",
-        "machine": machine(),
-        "date": timestamp(),
-        "versions": versions(("numpy", "opencv-python-headless", "manifold3d", "trimesh", "drake")),
-        "cpu_seconds": round(time.process_time() - begun),
-        "sets": figures,
-    }
-    if given.write:
-        stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-        RESULTS.write_text(json.dumps(stored | {given.parts: record}, indent=1) + "\n")
+        options = f"--sets {given.sets} --parts {given.parts} --poses {given.poses}"
+        record = {
+            "command": f"python -m benchmarks.masks OUT {options}",
+            "of": f"{len(figures)} of {len(CASES)} sets, {ABOVE} views from above and {GRAZING} grazing ones each",
+            "machine": machine(),
+            "date": timestamp(),
+            "versions": versions(("numpy", "opencv-python-headless", "manifold3d", "trimesh", "drake")),
+            "cpu_seconds": round(time.process_time() - begun),
+            "sets": figures,
+        }
+        if given.write:  # after each set: what is measured stays
+            stored = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+            RESULTS.write_text(json.dumps(stored | {given.parts: record}, indent=1) + "\n")
 
 
 def measure_static(case: Case, folder: Path) -> dict:
@@ -99,21 +105,21 @@ def measure_moving(case: Case, folder: Path) -> dict:
     return {"iou": _summary(overlaps), "seconds": round(time.process_time() - begun, 1), "doubts": doubts}
 
 
-def measure_pose(case: Case, folder: Path) -> dict:
+def measure_pose(case: Case, folder: Path, number: int) -> dict:
     """Poses from 12 views with masks whose outlines waver, without a guess."""
     shots, _ = read_shots(folder / "static")
     labels, mesh = _labels(folder / TRUTH / "static", len(shots)), load_mesh(folder / "meshes/object.obj")
     truth, errors, begun = np.load(folder / TRUTH / "poses.npz")["X_WO"], [], time.process_time()
-    for seed in range(_POSES):
+    for seed in range(number):
         rng = np.random.default_rng([case.seed, seed])
         rows = np.sort(rng.choice(len(shots), _VIEWS, replace=False))
         masks = [wavering(labels[k], rng) for k in rows]
         found = find_start_pose(Outlines.of([shots[k] for k in rows], masks), mesh, 0.0)
         errors.append(_apart(mesh, found.X_WO, truth, case.object))
     good = sum(place <= 1.0 and turn <= 1.0 for place, turn in errors)
-    seconds = (time.process_time() - begun) / _POSES
+    seconds = (time.process_time() - begun) / number
     worst = np.max(errors, axis=0).round(2).tolist()
-    return {"good": good, "of": _POSES, "worst mm, deg": worst, "seconds": round(seconds, 2)}
+    return {"good": good, "of": number, "worst mm, deg": worst, "seconds": round(seconds, 2)}
 
 
 def measure_mesh(case: Case, folder: Path) -> dict:

@@ -16,7 +16,7 @@ from pinwm_drake.capture.episode_tables import FRAMES_FILE, read_frame_table, re
 from pinwm_drake.capture.episode_tables import ObjectPoses as ObjectPoses
 from pinwm_drake.capture.episode_tables import PusherTrajectory as PusherTrajectory
 from pinwm_drake.capture.images import read_image, require_size
-from pinwm_drake.capture.scene import EPISODES, Capture, PoseDocument, load_capture
+from pinwm_drake.capture.scene import EPISODES, Capture, PoseDocument, UnfinishedCapture, load_capture
 from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
 from pinwm_drake.capture.units import require_computable
@@ -120,7 +120,7 @@ def pose_at(t: np.ndarray, p: np.ndarray, q: np.ndarray, time: float) -> Pose:
     return Pose(torch.from_numpy(mixed / np.linalg.norm(mixed)), torch.from_numpy(p_k))
 
 
-def read_episode(capture: Capture, name: str) -> Episode:
+def read_episode(capture: Capture | UnfinishedCapture, name: str) -> Episode:
     """Read an episode by its name; of its images, only whether they are there.
 
     One with neither `camera.json` nor `frames.csv` has no film.

@@ -178,6 +178,7 @@ class _UnfinishedObject(Document, extra="ignore"):
 class _Unfinished(HeadDocument):
     floor: FloorDocument = FloorDocument(height=0.0)
     object: _UnfinishedObject = _UnfinishedObject()
+    pusher: PusherDocument = PusherDocument()
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +190,7 @@ class UnfinishedCapture:
         floor_height: m; 0 where nothing tells it.
         mesh_path: File of the object's mesh that is there; or None.
         X_WO: Pose of the object that the file gives; or None.
+        pusher: The pusher, of which nothing may be known; its mesh may be missing.
         episode_names: The folders in `episodes`, sorted.
     """
 
@@ -196,6 +198,7 @@ class UnfinishedCapture:
     floor_height: float
     mesh_path: Path | None
     X_WO: Pose | None
+    pusher: PusherGeometry
     episode_names: list[str]
 
 
@@ -213,7 +216,11 @@ def load_unfinished(capture: str | Path) -> UnfinishedCapture:
     mesh = found.object.mesh
     mesh_path = folder / mesh if mesh is not None and is_file(folder / mesh) else None
     X_WO = None if found.object.X_WO is None else found.object.X_WO.pose()
-    return UnfinishedCapture(folder, found.floor.height, mesh_path, X_WO, episode_names(folder))
+    pusher = PusherGeometry(
+        None if found.pusher.mesh is None else folder / found.pusher.mesh,
+        None if found.pusher.shape is None else found.pusher.shape.shape(),
+    )
+    return UnfinishedCapture(folder, found.floor.height, mesh_path, X_WO, pusher, episode_names(folder))
 
 
 class CaptureDocument(HeadDocument, extra="forbid"):

@@ -14,7 +14,7 @@ import trimesh
 from pinwm_drake.capture.episodes import View, read_episode
 from pinwm_drake.capture.images import read_mask, read_photo, require_size
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import UnfinishedCapture, load_capture, load_unfinished
+from pinwm_drake.capture.scene import PusherGeometry, UnfinishedCapture, load_unfinished
 from pinwm_drake.capture.static_views import TRANSFORMS, mask_place, masks_beside
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.documents import read_json
@@ -87,10 +87,12 @@ def mask_capture(
     )
     written, kept = len(shots) - len(known), len(known)
     doubts = [(f"static/{name}" if name else "static", reason) for name, reason in found.doubts]
-    if capture.episode_names:
+    if capture.episode_names and capture.pusher == PusherGeometry(None, None):
+        doubts.append(("episodes", "no pusher in capture.yaml: images of pushes get no masks"))
+    elif capture.episode_names:
         model, X_WO = _model(capture, mesh, shots, found)
         for number, name in enumerate(capture.episode_names):
-            more = _mask_episode(folder, name, model, X_WO)
+            more = _mask_episode(capture, name, model, X_WO)
             progress("pushes", (number + 1) / len(capture.episode_names), name)
             written, kept, doubts = written + more[0], kept + more[1], doubts + more[2]
     return Masked(found, written, kept, doubts)
@@ -134,10 +136,9 @@ def _model(
 
 
 def _mask_episode(
-    folder: Path, name: str, mesh: trimesh.Trimesh, X_WO: np.ndarray
+    capture: UnfinishedCapture, name: str, mesh: trimesh.Trimesh, X_WO: np.ndarray
 ) -> tuple[int, int, list[tuple[str, str]]]:
     """Write the masks of a push; returns the numbers that were written and kept, and doubts."""
-    capture = load_capture(folder)
     episode, pusher = read_episode(capture, name), pusher_surface(capture.pusher, sections=24)
     written, kept, doubts = 0, 0, []
     for view in episode.views:
@@ -151,7 +152,7 @@ def _mask_episode(
                 continue
             new.append((path, mask))
             if doubt:
-                doubts.append((str(path.relative_to(folder)), doubt))
+                doubts.append((str(path.relative_to(capture.folder)), doubt))
         writer.write(new)
         written += len(new)
     return written, kept, doubts

@@ -21,7 +21,7 @@ from pinwm_drake.masks.shots import Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose
 from pinwm_drake.reading.contents import read_bytes
 
-HULL_ERROR = 2e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
+HULL_ERROR = 2.4e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
 _REACH, _VOXELS = 0.31, 72  # as in pinwm_drake/masks: of the distance of the cameras; along the diameter
 _POOR = 0.1  # share of differing pixels above which a mesh is doubtful
 _MILLIMETRE = 1e-3
@@ -87,7 +87,7 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
         if kind == "hull":
             doubts.append(
                 "this is the hull of the masks: cups are filled, flat tops are domes without grazing views, and sides "
-                f"are off by up to {1e3 * HULL_ERROR:.0f} mm"
+                f"are off by {1e3 * HULL_ERROR:.1f} mm on average"
             )
     pose = find_start_pose(Outlines.of(shots, masks), mesh, capture.floor_height) if shots else None
     if pose is not None and pose.differing > _POOR:

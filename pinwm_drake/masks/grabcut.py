@@ -29,7 +29,7 @@ def cut_out(image: np.ndarray, guess: np.ndarray) -> np.ndarray:
         cv2.setRNGSeed(0)
         bgr = np.ascontiguousarray(image[window][..., ::-1])
         models = np.zeros((1, 65)), np.zeros((1, 65))
-        cv2.grabCut(bgr, labels, None, *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
+        cv2.grabCut(bgr, labels, (0, 0, 1, 1), *models, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
     found[window] = _is_object(labels)
     return found
 

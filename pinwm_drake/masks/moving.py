@@ -19,6 +19,7 @@ _ROOM, _LONGEST = 0.6, 240  # of the object's size, around it; px, of the boxes 
 _SIZE = 160  # px, of the boxes in which the pose is refined
 _ROUNDS = 2  # of colours and pose, for each image
 _UNLIKE = -1.0  # evidence below which a pixel beside the pusher belongs to it or to what holds it
+_WIDER = 2.0  # of the pusher: what holds it
 _NEAR = 3  # px around the pusher, whose edge is not the object's
 _DIFFERS = 0.8  # IoU of colours and mesh below which an image is doubtful
 
@@ -56,12 +57,13 @@ def follow(
             continue
         shot = whole.close_up(box, _LONGEST)
         lab, hidden = cv2.cvtColor(shot.image, cv2.COLOR_RGB2LAB), shot.outline(pusher, X_P)
+        above = shot.outline(_held(pusher, X_P, 2 * mesh.scale), np.eye(4))
         if counts is None:
-            counts = histogram(lab, grown(mesh_mask(shot, mesh, X_WO), -2) & ~grown(hidden, _NEAR))
+            counts = histogram(lab, grown(mesh_mask(shot, mesh, X_WO), -2) & ~grown(hidden | above, _NEAR))
         cut = np.zeros(shot.shape, bool)
         for _ in range(_ROUNDS if number else 1):
             outline = shot.outline(mesh, X_WO)
-            behind = _hidden(lab, outline, hidden, counts)
+            behind = _hidden(lab, outline, hidden, above, counts)
             guess = guess_by_colours(lab, outline, None, counts)
             guess[behind] = BACKGROUND
             cut = cut_out(shot.image, guess)
@@ -69,8 +71,9 @@ def follow(
                 near = grown(behind, _NEAR) if behind.any() else behind
                 X_WO, _ = refine(Outlines.of([shot], [cut | (behind & outline)], _SIZE, [near]), mesh, X_WO)
         found = mesh_mask(shot, mesh, X_WO)
-        behind = _hidden(lab, found, hidden, counts)
+        behind = _hidden(lab, found, hidden, above, counts)
         found &= ~behind
+        counts = counts + histogram(lab, grown(found, -2) & ~above)  # sides come into view, and lamps shade them anew
         union = int((found | cut).sum())
         agrees = (found & cut).sum() / union if union else 0.0
         yield (
@@ -80,13 +83,23 @@ def follow(
         )
 
 
-def _hidden(lab: np.ndarray, outline: np.ndarray, pusher: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Pixels (h, w) bool of the pusher, and those of what holds it: they touch it and have not the object's colours."""
+def _hidden(
+    lab: np.ndarray, outline: np.ndarray, pusher: np.ndarray, above: np.ndarray, counts: np.ndarray
+) -> np.ndarray:
+    """Pixels (h, w) bool of the pusher and of what holds it: above it, joined to it, not of the object's colours."""
     around = grown(outline, 20) & ~grown(outline, 2)
-    unlike = (evidence(lab, counts, histogram(lab, around | pusher)) < _UNLIKE) & outline
+    unlike = (evidence(lab, counts, histogram(lab, around | pusher)) < _UNLIKE) & outline & above
     _, labels = cv2.connectedComponents((unlike | pusher).astype(np.uint8))
     touching = np.unique(labels[grown(pusher, 1) & (labels > 0)])
     return pusher | np.isin(labels, touching[touching > 0])
+
+
+def _held(pusher: trimesh.Trimesh, X_WP: np.ndarray, height: float) -> trimesh.Trimesh:
+    """Room [m, world] where what holds a pusher may be: above it, and wider than it."""
+    low = pusher.vertices @ X_WP[:3, :3].T + X_WP[:3, 3]
+    middle = low.mean(axis=0)
+    wide = middle + (low - middle) * [_WIDER, _WIDER, 1]
+    return trimesh.convex.convex_hull(np.concatenate([wide, wide + np.array([0, 0, height])]))
 
 
 def _ahead(before: np.ndarray, now: np.ndarray) -> np.ndarray:

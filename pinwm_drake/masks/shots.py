@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.rendering.camera import Camera
-from pinwm_drake.rendering.kernels.triangles import mark_triangles
+from pinwm_drake.rendering.kernels.triangles import fill_depths, mark_triangles
 from pinwm_drake.spatial.poses import Pose, inverse, pose_to_matrix
 
 _NEAR = 1e-3  # m; what is closer to the camera, or behind it, is not projected
@@ -66,6 +66,16 @@ class Shot:
         if depths.min() > _NEAR:
             mark_triangles(at[mesh.faces] + 0.5, marked)
         return marked > 0
+
+    def depth(self, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> np.ndarray:
+        """Depths (H, W) float32 [m] along the camera's axis of a mesh with pose X_WO (4, 4) [m]; inf beside it."""
+        corners = mesh.vertices @ X_WO[:3, :3].T + X_WO[:3, 3]
+        corners = corners @ self.X_CW[:3, :3].T + self.X_CW[:3, 3]
+        intrinsics = np.array([[self.K[0, 0], self.K[1, 1], self.K[0, 2] + 0.5, self.K[1, 2] + 0.5]])
+        depth = np.full((1, *self.shape), np.inf, np.float32)
+        faces = np.ascontiguousarray(mesh.faces, np.int64)
+        fill_depths(np.ascontiguousarray(corners[None]), faces, intrinsics, 0.01, depth, 0, 1)
+        return depth[0]
 
     def around(self, p_W: np.ndarray, radius: float) -> tuple[int, int, int, int]:
         """Box (left, top, right, bottom) [px] around a ball in the world [m], within the photo; may be empty."""

@@ -10,11 +10,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pinwm_drake.geometry.hull.visual import signed_distance
+from pinwm_drake.masks.shading import unexplained
 from pinwm_drake.masks.shots import CloseUp, Shot
-from pinwm_drake.rendering.kernels.triangles import fill_depths
 
 _SIZE, _MARGIN = 110, 0.25  # px, of the boxes that are compared; margin around the object, of its size
-_YAWS, _KEPT, _FEW = 36, 6, 5  # starts for each face; those that are refined; views that they are judged by
+_YAWS, _KEPT, _OF_FACE, _FEW = 36, 8, 4, 5  # starts for each face; those refined, of all and of a face; views for it
 _LIKELY, _SAME_FACE = 0.02, np.radians(20)  # share of drops on a face, and angle between faces that count as one
 _STEPS, _STILL = 15, (1e-5, 1e-4)  # of Gauss and Newton; m, rad: a step that ends them
 _SOFT = 1.5  # px, beyond which residuals count less
@@ -22,6 +22,7 @@ _CORRELATED = 6.0  # px along an outline that err alike
 _RIVAL, _APART, _ALIKE = 1.3, (5e-3, np.radians(5)), 1e-3  # misfit of a rival; how far it is; m, surfaces that are one
 _SAMPLED = 0.5  # mean distance of random points from the nearest of as many others, of their spacing
 _FEWEST = 20  # px of a mask
+_SURE = 0.9  # of the variance that shading leaves in a rival: less, and the rival is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,29 +101,44 @@ def find_start_pose(
             X[2, 3] = floor - (mesh.vertices @ X[2, :3]).min()
             X[:2, 3] = place[:2] - X[:2, :3] @ middle
             starts.append(X)
-    worth = np.argsort([misfit(few, mesh, X) for X in starts], kind="stable")[:_KEPT]
+    worth = _worth(np.array([misfit(few, mesh, X) for X in starts]), len(starts) % _YAWS)
     refined = [refine(few, mesh, starts[k])[0] for k in worth]
     if guess is not None and 0 not in worth:
         refined.append(refine(few, mesh, guess)[0])
     losses = np.array([misfit(few, mesh, X) for X in refined])
     order = np.argsort(losses, kind="stable")
-    best, _ = refine(outlines, mesh, refined[order[0]])
-    level = best
+    close: list[np.ndarray] = []
+    for k in order:
+        near = losses[k] <= _RIVAL * losses[order[0]]
+        if near and all(_differs(mesh, refined[k], other) for other in close):
+            close.append(refined[k])
+    shades = [unexplained(outlines.shots, mesh, X) for X in close] if len(close) > 1 else [1.0]
+    first = int(np.argmin(shades)) if min(shades) < _SURE * shades[0] else 0
+    rivals = [X for k, X in enumerate(close) if k != first and shades[k] * _SURE <= shades[first]]
+    level = best = refine(outlines, mesh, close[first])[0]
     if len(outlines.shots) > 1:
         best, _ = refine(outlines, mesh, best, tilt=True)
         best = best if misfit(outlines, mesh, best) < misfit(outlines, mesh, level) else level
     _, covariance = refine(outlines, mesh, best, tilt=len(outlines.shots) > 1, steps=1)
     place_sd, turn_sd = _deviations(covariance)
-    rivals = [
-        refined[k] for k in order[1:] if losses[k] < _RIVAL * losses[order[0]] and _differs(mesh, refined[k], best)
-    ]
     return StartPose(best, misfit(outlines, mesh, best), place_sd, turn_sd, rivals)
+
+
+def _worth(losses: np.ndarray, guesses: int) -> list[int]:
+    """Numbers of the starts that are refined: the best ones, and not only turns of a body that is round."""
+    kept: list[int] = []
+    for k in np.argsort(losses, kind="stable").tolist():
+        face = (k - guesses) // _YAWS
+        if sum((other - guesses) // _YAWS == face for other in kept) < _OF_FACE and len(kept) < _KEPT:
+            kept.append(k)
+    return kept
 
 
 def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     """Return the directions (3,), frame O, that may point upwards where a mesh rests on a plane, likely ones first."""
     poses, shares = trimesh.poses.compute_stable_poses(mesh, n_samples=1, threshold=0.0)
-    ups, sums = [], []
+    ups: list[np.ndarray] = []
+    sums: list[float] = []
     for X, share in zip(poses, shares, strict=True):
         up = X[2, :3]
         near = [k for k, other in enumerate(ups) if up @ other > np.cos(_SAME_FACE)]
@@ -211,18 +227,13 @@ def derivatives(shot: Shot, at: np.ndarray, p_W: np.ndarray, along: np.ndarray, 
 
 def rim(shot: Shot, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (n, 2) int, column and row, along a mesh's outline, and the points (n, 3) [m, world] that they show."""
-    corners = mesh.vertices @ X_WO[:3, :3].T + X_WO[:3, 3]
-    corners = corners @ shot.X_CW[:3, :3].T + shot.X_CW[:3, 3]
-    intrinsics = np.array([[shot.K[0, 0], shot.K[1, 1], shot.K[0, 2] + 0.5, shot.K[1, 2] + 0.5]])
-    depth = np.full((1, *shot.shape), np.inf, np.float32)
-    faces = np.ascontiguousarray(mesh.faces, np.int64)
-    fill_depths(np.ascontiguousarray(corners[None]), faces, intrinsics, 0.01, depth, 0, 1)
-    seen = np.pad(np.isfinite(depth[0]), 1)
+    depth = shot.depth(mesh, X_WO)
+    seen = np.pad(np.isfinite(depth), 1)
     inner = seen[1:-1, 1:-1] & seen[:-2, 1:-1] & seen[2:, 1:-1] & seen[1:-1, :-2] & seen[1:-1, 2:]
     edge = seen[1:-1, 1:-1] & ~inner
     edge[[0, -1]] = edge[:, [0, -1]] = False  # there the photo ends, not the mesh
     rows, columns = np.nonzero(edge)
-    z = depth[0, rows, columns].astype(float)
+    z = depth[rows, columns].astype(float)
     ray = np.linalg.solve(shot.K, np.stack([columns, rows, np.ones(len(rows))]))
     return np.stack([columns, rows], -1), ((ray * z).T - shot.X_CW[:3, 3]) @ shot.X_CW[:3, :3]
 

@@ -4,10 +4,13 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import trimesh
 
+from pinwm_drake.masks.colours import evidence, histogram
 from pinwm_drake.masks.consensus import Consensus, Segmenter, consensus
+from pinwm_drake.masks.grabcut import grown
 from pinwm_drake.masks.outline import edge_strength, mesh_mask, settle
 from pinwm_drake.masks.shots import CloseUp, Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose, misfit
@@ -18,10 +21,8 @@ _LONGEST = 320  # px, of the boxes that are worked on
 _ROOM = 0.35  # of the radius of a mesh, around it
 _FITS = 0.15  # share of differing pixels up to which the outlines of a mesh lie on the masks
 _SHOWN = 0.6  # share of the object's place that has to differ from the table
-_SCALE, _MIRRORED = (
-    3.0,
-    0.6,
-)  # ratio of sizes of two units; of the misfit of a mirrored mesh that is right
+_LIKE, _RING = 0.5, (4, 25)  # of the median photo: share of the object's colours; px, of the ring around its place
+_SCALE, _MIRRORED = 3.0, 0.6  # ratio of sizes of two units; of the misfit, that of a mirrored mesh that is right
 _RIVAL = 0.3  # of the hull: size of a second thing
 _CUT_OFF = 3  # px of a mask along the border of a photo
 _NARROW = 16  # px, of a box in which nothing can be told
@@ -85,16 +86,17 @@ def find_masks(
         masks[k] = shot.pasted(mask)
     plain = list(masks)
     if mesh is not None and pose is not None:
-        for k, shot in enumerate(shots):
-            if _wide(box := shot.box(_corners(mesh, pose.X_WO), _ROOM)):
-                close = shot.close_up(box, _LONGEST)
+        for k, photo in enumerate(shots):
+            if _wide(box := photo.box(_corners(mesh, pose.X_WO), _ROOM)):
+                close = photo.close_up(box, _LONGEST)
                 masks[k] = close.pasted(mesh_mask(close, mesh, pose.X_WO))
         doubts += _doubts_of_mesh(Outlines.of(shots, plain), mesh, floor, pose, found)
     masks = [known.get(k, mask) for k, mask in enumerate(masks)]
     doubts += _doubts_of_all(found)
-    for k, shot, first, hull in zip(rows, seen, found.earlier[0], found.outlines, strict=True):
-        place = hull if pose is None else shot.cut(masks[k])
-        doubts += [(shots[k].name, reason) for reason in _doubts(masks[k], first, place)]
+    places = found.outlines if pose is None else [shot.cut(masks[k]) for k, shot in zip(rows, seen, strict=True)]
+    alike = _alike(seen, found.masks, places)
+    for k, first, place, like in zip(rows, found.earlier[0], places, alike, strict=True):
+        doubts += [(shots[k].name, reason) for reason in _doubts(masks[k], first, place, like)]
     return Found(masks, _summed(doubts, len(shots)), pose, found.points, found.voxel)
 
 
@@ -153,15 +155,33 @@ def _doubts_of_mesh(
     return doubts
 
 
-def _doubts(mask: np.ndarray, first: np.ndarray, place: np.ndarray) -> list[str]:
-    """Reasons to doubt a mask (H, W), from what differs from the table (h, w) and where the object should be (h, w)."""
+def _alike(shots: Sequence[CloseUp], masks: Sequence[np.ndarray], places: Sequence[np.ndarray]) -> list[float]:
+    """Share of each photo's place of the object that has the object's colours, as a share of the median photo's."""
+    colours = [cv2.cvtColor(shot.image, cv2.COLOR_RGB2LAB) for shot in shots]
+    counts = np.sum([histogram(lab, mask) for lab, mask in zip(colours, masks, strict=True)], axis=0)
+    shares = []
+    for lab, place in zip(colours, places, strict=True):
+        around = histogram(lab, grown(place, _RING[1]) & ~grown(place, _RING[0]))
+        shares.append(float((evidence(lab, counts, around)[place] > 0).mean()) if place.any() else 0.0)
+    return [share / max(float(np.median(shares)), 1e-6) for share in shares]
+
+
+def _doubts(mask: np.ndarray, first: np.ndarray, place: np.ndarray, like: float) -> list[str]:
+    """Reasons to doubt a mask (H, W).
+
+    Args:
+        mask: The mask.
+        first: (h, w) bool, what differs from the table.
+        place: (h, w) bool, where the object should be.
+        like: See `_alike`.
+    """
     if not mask.any():
         return ["no pixel of the object was found"]
     border = np.ones_like(mask)
     border[1:-1, 1:-1] = False
     if (mask & border).sum() > _CUT_OFF:
         return ["the edge of the photo cuts the object off"]
-    if place.any() and (first & place).sum() < _SHOWN * place.sum():
+    if place.any() and ((first & place).sum() < _SHOWN * place.sum() or like < _LIKE):
         return ["the table shows where the object should be: moved between photos, hidden, or of the table's colour"]
     return []
 

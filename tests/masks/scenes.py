@@ -11,7 +11,7 @@ from PIL import Image
 
 SIZE, FOCAL = 320, 400.0  # px
 BLUE, TABLE = np.array([40.0, 80.0, 190.0]), np.array([178.0, 138.0, 96.0])
-YELLOW, CELL = np.array([230.0, 210.0, 40.0]), 0.015  # of every second cell, m; things in the table's colour are plain
+YELLOW, CELL = np.array([230.0, 210.0, 40.0]), 0.015  # of every second cell of blue things, m
 
 
 def block() -> trimesh.Trimesh:
@@ -74,7 +74,7 @@ def photo(
             light = 0.55 + 0.45 * max(float(normal @ [0.3, 0.2, 0.93]), 0.0)
             p_W = X_WC[:3, 3] + rays[nearer] * z[nearer][:, None]
             cells = np.floor((p_W - X_WO[:3, 3]) @ X_WO[:3, :3] / CELL + 0.25).astype(int).sum(axis=1) % 2 > 0
-            shown = np.where((cells & (colour is not TABLE))[:, None], YELLOW, colour)
+            shown = np.where((cells & (colour is BLUE))[:, None], YELLOW, colour)
             image[nearer], label[nearer], depth[nearer] = shown * light, number, z[nearer]
     image = cv2.GaussianBlur(image, (0, 0), 0.5) + np.random.default_rng(seed).normal(0, 2.5, image.shape)
     return np.clip(image, 0, 255).astype(np.uint8), label

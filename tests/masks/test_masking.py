@@ -3,6 +3,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from pinwm_drake.capture.static_views import read_views
 from pinwm_drake.errors import InputError
@@ -52,6 +53,12 @@ def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
     assert (tmp_path / "static/masks/003.png").read_bytes() == content
 
 
+def tower():
+    """Block with a tower on one end, which is not its own mirror image."""
+    top = trimesh.creation.box((0.03, 0.03, 0.06)).apply_translation([0.03, -0.015, 0.05])
+    return trimesh.boolean.union([block(), top], engine="manifold")
+
+
 @pytest.mark.parametrize(
     ("case", "words"),
     [
@@ -60,6 +67,7 @@ def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
         ("millimetres", "is it in millimetres"),
         ("another unit", "in another unit"),
         ("swapped", "another object"),
+        ("mirrored", "the mirrored mesh fits"),
     ],
 )
 def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):
@@ -68,6 +76,8 @@ def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):
         things = [things if k < 7 else [(block(), pose(0.06, 0.05), BLUE)] for k in range(10)]
     if case == "cut off":
         views[4][:3, 3] += 0.13 * views[4][:3, 0]
+    if case == "mirrored":
+        things, mesh = [(tower(), pose(), BLUE)], tower().apply_transform(np.diag([-1.0, 1, 1, 1]))
     if case in ("millimetres", "another unit", "swapped"):
         mesh = block()
         if case == "swapped":
@@ -104,8 +114,8 @@ def network(tmp_path_factory):
 
 
 def test_a_segmenter_as_an_onnx_file(tmp_path, network):
-    X_WC = cameras()[0]
-    image, label = photo(X_WC, [(block(), pose(), BLUE)])
+    X_WC = cameras()[1]
+    image, label = photo(X_WC, [(block(), pose(), BLUE.copy())])  # plain
     K = np.array([[FOCAL, 0, SIZE / 2 - 0.5], [0, FOCAL, SIZE / 2 - 0.5], [0, 0, 1]])
     shot = Shot("photo", image, K, np.linalg.inv(X_WC))
     (top,), _ = shot.project(np.array([[0.01, -0.005, 0.03]]) + pose()[:3, :3] @ [-0.03, 0, 0])

@@ -33,6 +33,7 @@ def read_repaired(path: Path, extent: float | None = None) -> tuple[trimesh.Trim
         raise InputError(path, value="no faces", allowed="a mesh with four triangles or more")
     parts = [trimesh.Trimesh(vertices, faces, process=False) for vertices, faces in objects.values()]
     mesh = trimesh.util.concatenate(parts)
+    assert isinstance(mesh, trimesh.Trimesh)
     if not np.isfinite(mesh.vertices).all():
         raise InputError(path, value="a coordinate that is not finite", allowed="finite coordinates")
     unit = guess_unit(float(np.linalg.norm(mesh.extents)), extent)

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-_CHUNK = 30_000  # points that OpenCV samples at once; its arrays have 32,767 columns at most
+_NO_ROWS = np.empty(0, np.float32)  # columns and rows are in one array
+_CHUNK = 30_000  # points that OpenCV samples at once; its arrays have 32,767 rows at most
 _UNSEEN = 50.0  # px: what lies beyond a photo is no business of its mask
 
 
@@ -51,7 +52,7 @@ def sampled(picture: np.ndarray, P: np.ndarray, points: np.ndarray, outside: flo
     depth = uvz[:, 2]
     at = (uvz[:, :2] / np.where(depth > 0, depth, np.inf)[:, None]).astype(np.float32)
     values = [
-        cv2.remap(picture, *at[k : k + _CHUNK].T[:, None], cv2.INTER_LINEAR, borderValue=outside)[0]
+        cv2.remap(picture, at[k : k + _CHUNK, None], _NO_ROWS, cv2.INTER_LINEAR, borderValue=outside)[:, 0]
         for k in range(0, len(at), _CHUNK)
     ]
     return np.where(depth > 0, np.concatenate(values), np.float32(outside)), depth
