@@ -61,7 +61,7 @@ class Lens:
         return np.concatenate([self.intrinsics, self.distortion])
 
     def with_parameters(self, parameters: np.ndarray) -> "Lens":
-        """Return the lens with other intrinsics and distortion, in the order of `parameters`."""
+        """Return the lens with other intrinsics and distortion (4 + d,), in the order of `parameters`."""
         return replace(self, intrinsics=parameters[:4], distortion=parameters[4:])
 
     @property

@@ -52,15 +52,15 @@ UNKNOWNS: dict[str, Unknown] = {
         Unknown("mass", "kg", True, 1.0, 0.3, 2.0, spread=math.log(2.0), low=1e-4, high=1e3),
         *(Unknown(f"moment_{axis}", "1", True, 1.0, 0.1, 0.1, low=0.05, high=20.0) for axis in ("xx", "yy", "zz")),
         *(
-            Unknown(f"friction_{body}", "1", True, 0.2, 0.2, prior, spread=math.log(6.0), low=1e-4, high=5.0)
-            for body, prior in zip(BODIES, (1.0, 0.6), strict=True)
+            Unknown(f"friction_{body}", "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
+            for body in BODIES
         ),
         *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0) for body in BODIES),
         *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.3, low=0.15, high=3.0, physical=False) for axis in "xyz"),
         *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 1e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
-        *(Unknown(f"frame_{axis}", "m", False, 0.0, 1e-3, 2.5e-3, low=-0.1, high=0.1, physical=False) for axis in "xy"),
-        Unknown("frame_yaw", "rad", False, 0.0, _DEGREE, 0.7 * _DEGREE, low=-0.5, high=0.5, physical=False),
+        *(Unknown(f"frame_{axis}", "m", False, 0.0, 1e-3, 1.5e-3, low=-0.1, high=0.1, physical=False) for axis in "xy"),
+        Unknown("frame_yaw", "rad", False, 0.0, _DEGREE, 0.5 * _DEGREE, low=-0.5, high=0.5, physical=False),
         Unknown("lift", "m", False, 0.0, 1e-3, 3e-3, physical=False),
         *(Unknown(f"start_{axis}", "m", False, 0.0, 2e-3, 1e-3, physical=False, shared=False) for axis in "xy"),
         Unknown("start_yaw", "rad", False, 0.0, _DEGREE, 3.0 * _DEGREE, physical=False, shared=False),
@@ -76,7 +76,7 @@ UNKNOWNS: dict[str, Unknown] = {
 # Pairs whose logarithms are alike before any image is seen, and the standard deviation of their ratio's logarithm: the
 # object's own surface takes part in both contacts, and a face that carries at its rim does so all around.
 _ALIKE = (
-    ("friction_pusher", "friction_floor", 0.8),
+    ("friction_pusher", "friction_floor", 1.5),
     ("support_x", "support_y", 0.15),
     ("support_y", "support_z", 0.15),
     ("support_z", "support_x", 0.15),

@@ -19,6 +19,7 @@ Segmenter = Callable[[CloseUp, np.ndarray, tuple[float, float, float, float]], n
 _VOXELS = 72  # along the diameter of the ball in which the thing is looked for
 _ROUNDS = ((4, 8), (2, 6))  # photos that may miss a point of the hull, of 24: at first, and where nothing is left
 _OF = 24
+_LOWEST = 3  # layers of the grid, one of which a thing on the table reaches
 _LIFT = 1e-3  # m, of the lowest points above the table
 _BEYOND = 0.5  # of the radius: how fast a part counts less with its distance from the middle
 _SURE = 0.4  # of the threshold: a pixel that differs less is table
@@ -84,7 +85,11 @@ def consensus(
     found: Consensus | None = None
     earlier: list[list[np.ndarray]] = []
     for misses in _ROUNDS:
-        points, rivals = _hull(masks, projections, grid, misses, middle)
+        votes: list[np.ndarray] = list(masks)
+        if found is None and segmenter is None:  # what the other photos do not show says nothing
+            for k in set(range(len(masks))) - known.keys():
+                votes[k] = np.where(differences[k] >= plane.UNSEEN, np.float32(-1), masks[k])
+        points, rivals = _hull(votes, projections, grid, misses, middle)
         if found is not None and len(points) < _KEPT * len(found.points):
             break
         outlines, earlier = [_outline(shot, points, grid.voxel) for shot in shots], [*earlier, masks]
@@ -137,6 +142,8 @@ def _hull(
     labels, sizes = parts(flags)
     if not len(sizes):
         return np.zeros((0, 3)), []
+    stands = np.isin(np.arange(1, len(sizes) + 1), labels[:, :, :_LOWEST])  # what hovers is no thing on a table
+    sizes = np.where(stands, sizes, 0)
     points, labels = grid.points(), labels.ravel()
     middles = np.array([points[labels == k + 1].mean(axis=0) for k in range(len(sizes))])
     reach = _BEYOND * 0.5 * grid.voxel * _VOXELS

@@ -38,7 +38,7 @@ def settle(shots: Sequence[CloseUp], mesh: trimesh.Trimesh, X_WO: np.ndarray) ->
 
 
 def edge_strength(shots: Sequence[CloseUp], mesh: trimesh.Trimesh, X_WO: np.ndarray) -> float:
-    """Mean strength of the edges on a mesh's outlines, against that of the photos; larger for the right pose."""
+    """Mean strength of the edges on a mesh's outlines at X_WO (4, 4), against that of photos; larger where right."""
     found = []
     for shot in shots:
         (at, _), edges = rim(shot, mesh, X_WO), _edges(shot.image)

@@ -136,7 +136,7 @@ def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 
 def misfit(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> float:
-    """Pixels in which a mesh's outline and the masks differ, as a share of those of the masks."""
+    """Pixels in which a mesh's outline at X_WO (4, 4) and the masks differ, as a share of those of the masks."""
     differing = sum(
         int((shot.outline(mesh, X_WO) != mask).sum()) for shot, mask in zip(outlines.shots, outlines.masks, strict=True)
     )

@@ -199,7 +199,7 @@ class Detector:
         return np.ravel(numbers), np.reshape(corners, (-1, 2))
 
     def is_mirrored(self, grey: np.ndarray) -> bool:
-        """Flag: a photo shows the board in a mirror only."""
+        """Flag: a photo (H, W) shows the board in a mirror only."""
         return self.find(grey) is None and self.find(np.ascontiguousarray(grey[:, ::-1])) is not None
 
     def _refined(self, grey: np.ndarray, numbers: np.ndarray, corners: np.ndarray) -> np.ndarray:

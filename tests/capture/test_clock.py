@@ -29,7 +29,7 @@ def test_a_clock_is_read_as_it_was_written(tmp_path):
         ("offset: 0.25", "offset: .nan", "offset"),
         ("deviation: 0.001", "deviation: -1", "deviation"),
         ("schema_version: 1", "schema_version: 2", "schema_version"),
-        ("film: push.mp4", "flim: push.mp4", "flim"),
+        ("film: push.mp4", "flim: push.mp4", "no film"),
     ],
 )
 def test_a_wrong_clock_is_refused(tmp_path, old, new, words):

@@ -59,8 +59,8 @@ def test_the_sides_of_a_hull_are_those_of_the_object():
 def test_depths_carve_what_a_hull_fills():
     cup = trimesh.boolean.difference(
         [
-            trimesh.creation.box((0.06, 0.06, 0.03)),
-            trimesh.creation.box((0.045, 0.045, 0.03)).apply_translation([0, 0, 0.005]),
+            trimesh.creation.box((0.06, 0.06, 0.045)),
+            trimesh.creation.box((0.045, 0.045, 0.045)).apply_translation([0, 0, 0.0075]),
         ],
         engine="manifold",
     )

@@ -65,10 +65,9 @@ def test_nonsense_is_refused(free, held, words):
 def test_frictions_are_alike_before_any_image_is_seen():
     coordinates = Coordinates(("friction_floor", "friction_pusher"), {})
     together, apart = torch.tensor([[2.0, 2.0], [2.0, -2.0]], dtype=torch.float64)
-    # In logarithms: 0.4 each with deviations of 1 and 0.6, and a difference of 0.8 with one of 0.8.
-    own = 0.4**2 + (0.4 / 0.6) ** 2
-    assert float(coordinates.penalty(together)) == pytest.approx(0.5 * own)
-    assert float(coordinates.penalty(apart)) == pytest.approx(0.5 * (own + (0.8 / 0.8) ** 2))
+    # In logarithms: 0.4 each with a deviation of 1, and a difference of 0.8 with one of 1.5.
+    assert float(coordinates.penalty(together)) == pytest.approx(0.5 * 2 * 0.4**2)
+    assert float(coordinates.penalty(apart)) == pytest.approx(0.5 * (2 * 0.4**2 + (0.8 / 1.5) ** 2))
     # One alone has its own prior only.
     alone = Coordinates(("friction_floor",), {})
     assert float(alone.penalty(torch.tensor([2.0], dtype=torch.float64))) == pytest.approx(0.5 * 0.4**2)

@@ -9,13 +9,14 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-SIZE, FOCAL = 160, 200.0  # px
+SIZE, FOCAL = 320, 400.0  # px
 BLUE, TABLE = np.array([40.0, 80.0, 190.0]), np.array([178.0, 138.0, 96.0])
+YELLOW, CELL = np.array([230.0, 210.0, 40.0]), 0.015  # of every second cell, m; things in the table's colour are plain
 
 
 def block() -> trimesh.Trimesh:
-    """An L of two boxes, 90 x 60 x 30 mm, closed; the origin is the middle of its box."""
-    long, short = trimesh.creation.box((0.09, 0.03, 0.03)), trimesh.creation.box((0.03, 0.06, 0.03))
+    """An L of two boxes, 90 x 60 x 45 mm, closed; the origin is the middle of its box."""
+    long, short = trimesh.creation.box((0.09, 0.03, 0.045)), trimesh.creation.box((0.03, 0.06, 0.045))
     long.apply_translation([0, -0.015, 0])
     short.apply_translation([-0.03, 0.0, 0])
     return trimesh.boolean.union([long, short], engine="manifold")
@@ -25,16 +26,16 @@ def pose(x: float = 0.01, y: float = -0.005, yaw: float = 0.6) -> np.ndarray:
     """X_WO (4, 4) of the block on the table."""
     X = np.eye(4)
     X[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    X[:3, 3] = x, y, 0.015
+    X[:3, 3] = x, y, 0.0225
     return X
 
 
-def cameras(number: int = 10, elevation: float = 45.0) -> list[np.ndarray]:
+def cameras(number: int = 10, elevation: float = 32.0) -> list[np.ndarray]:
     """X_WC (4, 4), OpenCV axes, on a ring that looks at the table's middle."""
     found = []
     for k in range(number):
-        angle, up = 2 * np.pi * k / number, np.radians(elevation + 10 * (k % 2))
-        p = 0.35 * np.array([np.cos(up) * np.cos(angle), np.cos(up) * np.sin(angle), np.sin(up)])
+        angle, up = 2 * np.pi * k / number, np.radians(elevation + 24 * (k % 2))
+        p = 0.4 * np.array([np.cos(up) * np.cos(angle), np.cos(up) * np.sin(angle), np.sin(up)])
         z = -p / np.linalg.norm(p)
         x = np.cross(z, [0, 0, 1.0])
         x /= np.linalg.norm(x)
@@ -71,7 +72,10 @@ def photo(
             cv2.fillConvexPoly(inside, corners, 1, cv2.LINE_8, 8)
             nearer = (inside > 0) & (z > 0) & (z < depth)
             light = 0.55 + 0.45 * max(float(normal @ [0.3, 0.2, 0.93]), 0.0)
-            image[nearer], label[nearer], depth[nearer] = colour * light, number, z[nearer]
+            p_W = X_WC[:3, 3] + rays[nearer] * z[nearer][:, None]
+            cells = np.floor((p_W - X_WO[:3, 3]) @ X_WO[:3, :3] / CELL + 0.25).astype(int).sum(axis=1) % 2 > 0
+            shown = np.where((cells & (colour is not TABLE))[:, None], YELLOW, colour)
+            image[nearer], label[nearer], depth[nearer] = shown * light, number, z[nearer]
     image = cv2.GaussianBlur(image, (0, 0), 0.5) + np.random.default_rng(seed).normal(0, 2.5, image.shape)
     return np.clip(image, 0, 255).astype(np.uint8), label
 

@@ -9,14 +9,14 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import mask_capture
 from pinwm_drake.masks.segmenter import OnnxSegmenter
 from pinwm_drake.masks.shots import Shot
-from tests.masks.scenes import BLUE, FOCAL, SIZE, TABLE, block, cameras, iou, photo, pose, write_photos
+from tests.masks.scenes import BLUE, FOCAL, SIZE, block, cameras, iou, photo, pose, write_photos
 
 
 def masks_of(folder, number=10):
     return [cv2.imread(str(folder / f"static/masks/{k:03}.png"), 0) > 127 for k in range(number)]
 
 
-# Photos of 160 px show the object at some 50 px: a rim of one pixel is 8 % of it, half of one 4 %.
+# Photos of 320 px show the object at some 100 px: a rim of one pixel is 4 % of it.
 def test_masks_without_a_mesh(tmp_path, pinwm):
     labels = write_photos(tmp_path)
     code, said, errors = pinwm("mask", str(tmp_path))
@@ -29,21 +29,21 @@ def test_masks_without_a_mesh(tmp_path, pinwm):
     assert len(read_views(tmp_path / "static")) == 10  # a capture's reader takes them
 
 
-def test_masks_and_pose_with_the_mesh_of_an_object_in_the_colour_of_the_table(tmp_path):
-    labels = write_photos(tmp_path, [(block(), pose(), TABLE)], mesh=block())
+def test_masks_and_pose_with_a_mesh(tmp_path):
+    labels = write_photos(tmp_path, mesh=block())
     found = mask_capture(tmp_path)
     overlaps = [iou(mask, label) for mask, label in zip(masks_of(tmp_path), labels, strict=True)]
-    assert np.median(overlaps) > 0.93
-    assert np.linalg.norm(found.static.pose.X_WO[:3, 3] - pose()[:3, 3]) < 2e-3
+    assert np.median(overlaps) > 0.95
+    assert np.linalg.norm(found.static.pose.X_WO[:3, 3] - pose()[:3, 3]) < 1e-3  # the bar of the issue
     turn = found.static.pose.X_WO[:3, :3].T @ pose()[:3, :3]
-    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 2.0
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) < 1.0
 
 
 def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
     labels = write_photos(tmp_path)
     (tmp_path / "static/masks").mkdir()
     mine = labels[3].copy()
-    mine[70:75] = True
+    mine[150:155] = True
     cv2.imwrite(str(tmp_path / "static/masks/003.png"), 255 * mine.astype(np.uint8))
     content = (tmp_path / "static/masks/003.png").read_bytes()
     assert mask_capture(tmp_path).kept == 1
@@ -56,11 +56,9 @@ def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
     ("case", "words"),
     [
         ("moved", "moved between photos"),
-        ("two", "a second thing"),
         ("cut off", "the edge of the photo cuts"),
         ("millimetres", "is it in millimetres"),
         ("another unit", "in another unit"),
-        ("mirrored", "the mirrored mesh fits"),
         ("swapped", "another object"),
     ],
 )
@@ -68,15 +66,11 @@ def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):
     views, mesh, things = cameras(), None, [(block(), pose(), BLUE)]
     if case == "moved":
         things = [things if k < 7 else [(block(), pose(0.06, 0.05), BLUE)] for k in range(10)]
-    if case == "two":
-        things = [*things, (block(), pose(-0.055, 0.06), BLUE)]
     if case == "cut off":
         views[4][:3, 3] += 0.13 * views[4][:3, 0]
-    if case in ("millimetres", "another unit", "mirrored", "swapped"):
+    if case in ("millimetres", "another unit", "swapped"):
         mesh = block()
-        if case == "mirrored":
-            mesh.apply_transform(np.diag([-1.0, 1, 1, 1]))
-        elif case == "swapped":
+        if case == "swapped":
             mesh.apply_transform(np.diag([0.7, 1.6, 1.2, 1]))
         else:
             mesh.apply_scale({"millimetres": 1000.0, "another unit": 10.0}[case])

@@ -58,7 +58,7 @@ def test_the_command_writes_the_pose_and_takes_those_of_others(tmp_path, pinwm):
     written = pose_to_matrix(load_unfinished(tmp_path).X_WO).numpy()
     assert max(apart(written, pose())) < 1.5
     near = Rotation.from_matrix(pose()[:3, :3]).as_quat()[[3, 0, 1, 2]]
-    rows = ["t,px,py,pz,qw,qx,qy,qz", "0,0.2,0.2,0.015,1,0,0,0", f"1,0.014,-0.003,0.015,{','.join(map(str, near))}"]
+    rows = ["t,px,py,pz,qw,qx,qy,qz", "0,0.2,0.2,0.0225,1,0,0,0", f"1,0.014,-0.003,0.0225,{','.join(map(str, near))}"]
     (tmp_path / "poses.csv").write_text("\n".join(rows) + "\n")
     code, said, errors = pinwm("pose", str(tmp_path), "--from", str(tmp_path / "poses.csv"), "--view", "images/003.png")
     assert code == 0, errors

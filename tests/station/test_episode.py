@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.capture.clock import read_clock
-from pinwm_drake.capture.episodes import read_episode, read_episode_image
+from pinwm_drake.capture.episodes import read_episode, read_episode_image, read_fixed_camera
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.station.episode import Sources, add_episode
@@ -59,7 +59,9 @@ def test_the_next_episode_takes_the_camera_of_the_last(made):
     second = add_episode(capture, dataclasses.replace(given, camera=None, start=0.19, end=1.01))
     assert second.folder.name == "0000"
     assert second.images == 25
-    assert (second.folder / "camera.json").read_text() == (capture / "episodes/first/camera.json").read_text()
+    (camera, X_WC), (other, X_WQ) = (read_fixed_camera(path) for path in (second.folder, capture / "episodes/first"))
+    np.testing.assert_array_equal(camera.intrinsics, other.intrinsics)
+    np.testing.assert_allclose([*X_WC.p, *X_WC.q], [*X_WQ.p, *X_WQ.q], atol=1e-12)
     assert second.clock.residual is None
 
 

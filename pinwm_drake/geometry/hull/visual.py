@@ -71,7 +71,7 @@ def carve(
     """Flags (grid.shape) of the points that all masks but a few show.
 
     Args:
-        masks: (H, W) bool each.
+        masks: (H, W) bool each, or float32 with 0, 1, and -1 where nothing is known.
         projections: (3, 4) each, of the photo of the mask.
         grid: The points.
         misses: Number of photos that may not show a point which lies in their frame.

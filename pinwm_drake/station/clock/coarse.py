@@ -23,14 +23,12 @@ class Guess:
         motion: Correlation of the images' changes with the pusher's speed, -1 to 1.
         still: Correlation of the patches around the pusher with each other, -1 to 1.
         rate: Seconds of the log for each second of the film.
-        stillest: s, the offset at which the patches alone agree best.
     """
 
     offset: float
     motion: float
     still: float
     rate: float = 1.0
-    stillest: float = 0.0
 
     @property
     def score(self) -> float:
@@ -52,8 +50,7 @@ def search(film: PusherFilm, low: float, high: float, rate: float = 1.0, most: i
     pairs = zip(offsets.tolist(), alike.tolist(), strict=True)
     still = np.array([stillness(some, offset, rate) if motion > -1 else -1.0 for offset, motion in pairs])
     best = int(np.argmax(alike + still))
-    stillest = float(offsets[int(np.argmax(still))])
-    return Guess(float(offsets[best]), float(alike[best]), float(still[best]), rate, stillest)
+    return Guess(float(offsets[best]), float(alike[best]), float(still[best]), rate)
 
 
 def motion_correlations(film: PusherFilm, offsets: np.ndarray, rate: float = 1.0) -> np.ndarray:

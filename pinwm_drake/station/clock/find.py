@@ -13,11 +13,11 @@ from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 SPAN = 1.5  # s, by which clocks may differ
 # Least correlations of a film with its log: those of 44 rendered films are 0.37 and 1.18 at least.
 _STILL, _SCORE = 0.33, 1.1
-_ALIVE, _BOTH = 0.5, 0.6  # least correlations of motion and of both parts of a film that may be cut
+_ALIVE, _BOTH, _CLEAR = 0.5, 0.6, 0.05  # least correlations of motion and both parts of a cut film, and the gain
+_NEAR = np.arange(-0.4, 0.45, 0.1)  # s, from the guess to offsets that parts of a film may have
 _SURE = 0.025  # s, of the deviation
 _RATES = (0.5, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 2.0)
-# By which the score of another rate has to be higher, also where the offset is not sure.
-_BETTER, _LITTLE = 0.15, 0.03
+_BETTER = 0.15  # by which the score of another rate has to be higher
 _FRAMES = 60  # that are looked at for cuts
 # Of a cut: gain in correlation, share of the motion on each side, and the piece that is missing, s.
 _GAIN, _SHARE, _JUMP, _LONGEST_CUT = 0.012, 0.2, 0.06, 1.0
@@ -48,8 +48,6 @@ def find_clock(film: PusherFilm, path: Path, *, around: float = 0.0, span: float
         raise _wrong_rate(path, film, rate)
     fit = _with_drift(film, refine(film, guess.offset))
     if fit.deviation > _SURE:
-        if (rate := _other_rate(film, guess, around, span, better=_LITTLE)) is not None:
-            raise _wrong_rate(path, film, rate)
         found = f"an offset of {fit.offset:.3f} s that is sure to {1e3 * 1.96 * fit.deviation:.0f} ms only"
         allowed = "a film that shows the pusher of this log start or stop, from the side; or --offset"
         raise InputError(path, value=found, allowed=allowed)
@@ -71,9 +69,11 @@ def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: 
     if _trusted(wide):
         found = f"stamps of another clock: the log shows this motion {wide.offset - around:+.2f} s away"
         return InputError(path, value=found, allowed=f"clocks within {span:g} s, or --offset {wide.offset:.2f}")
-    cut = find_cut(film, guess.stillest) if guess.motion > _ALIVE else None
-    if cut is not None and cut[3] >= _BOTH:
-        return _cut(path, *cut)
+    # Of a film that is cut, the guess may lie between the offsets of its parts.
+    near = guess.offset + _NEAR if guess.motion > _ALIVE else _NEAR[:0]
+    cuts = [cut for one in near if (cut := find_cut(film, float(one))) and cut[3] >= _BOTH and cut[2] >= _CLEAR]
+    if cuts:
+        return _cut(path, *max(cuts, key=lambda cut: cut[2]))
     found = f"the log of another run: its motion agrees by {guess.still:.2f} within {span:g} s"
     allowed = f"{_STILL:g} or more; check --log, the columns' axes and the camera's pose"
     return InputError(path, value=found, allowed=allowed)
@@ -119,9 +119,9 @@ def _cut(path: Path, time: float, jump: float, gain: float, both: float) -> Inpu
     return InputError(path, value=found, allowed="a film in one piece, or with stamps that tell the gap")
 
 
-def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float, better: float = _BETTER) -> Guess | None:
+def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> Guess | None:
     """Guess at another rate that suits the film much better; None where there is none."""
-    if guess.score > 2 - 2 * better:
+    if guess.score > 2 - 2 * _BETTER:
         return None
     found = guess
     for rate in _RATES:
@@ -129,8 +129,8 @@ def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float, bett
         slack = abs(1 - rate) * float(film.t[-1] - film.t[0])
         other = search(film, start - span - slack, start + span + slack, rate, most=FEW)
         found = other if other.score > found.score else found
-    clear = found.score > guess.score + better and found.still > guess.still + 0.5 * better
-    return found if clear and _trusted(found) else None
+    better = found.score > guess.score + _BETTER and found.still > guess.still + 0.5 * _BETTER
+    return found if better and _trusted(found) else None
 
 
 def _wrong_rate(path: Path, film: PusherFilm, guess: Guess) -> InputError:

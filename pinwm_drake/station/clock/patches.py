@@ -102,7 +102,7 @@ class PusherFilm:
         return self.part(np.unique(np.linspace(0, len(self.t) - 1, number).round().astype(int)))
 
     def part(self, which: np.ndarray) -> "PusherFilm":
-        """Return the film with some of its frames, by their numbers."""
+        """Return the film with some of its frames, by their numbers `which` (k,)."""
         other = copy(self)
         other.frames, other.t = [self.frames[k] for k in which.tolist()], self.t[which]
         return other

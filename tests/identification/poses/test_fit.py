@@ -23,7 +23,7 @@ from pinwm_drake.spatial.rotations import quaternion_exp, rotate
 from pinwm_drake.twin.frame import yaw_of
 from tests.identification.samples import LEVEL, SHAPE, SIDE, TRUTH, write_capture
 
-FRAME = {"frame_x": 0.005, "frame_y": -0.004}
+FRAME = {"frame_x": 0.004, "frame_y": -0.003}
 NOISE = 2e-4  # m; a third of it at the rim for yaw
 QUICK = IdentifyOptions(num_threads=1, screened=24, starts=2, moves=12, time_step=1 / 120)
 
