@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Folder of a lab: where each stage has its files, and the templates of a new one."""
+"""Folder of a lab: where each stage has its files, and the scene of its capture."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,30 +11,13 @@ from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS
 from pinwm_drake.capture.static_views import TRANSFORMS, is_picture
 from pinwm_drake.documents import Document, Text, finite, read_yaml, schema_version
 from pinwm_drake.errors import InputError
-from pinwm_drake.files import appearing, prepare_folder, replacing
-from pinwm_drake.station.board import Board, draw_board
+from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.station.document import STATION_FILE, Station, load_station
-from pinwm_drake.station.lab import LAB_FILE, POSES_FILE, SETS, LabDocument
-from pinwm_drake.station.photos import FIXED
+from pinwm_drake.station.lab import LAB_FILE, LabDocument
 
-OBJECT_FILE, BOARD_FILE, FILMING_FILE = "object.yaml", "board.pdf", "what-to-film.md"
+OBJECT_FILE, BOARD_FILE = "object.yaml", "board.pdf"
 _MESHES = (".obj", ".stl", ".ply", ".off", ".glb")
 _GRAVITY = 9.81
-_LAB = """\
-schema_version: 1
-ruler: # m: measured length of the printed ruler of 100 mm, such as 0.0998
-robot: {{length: mm, angle: deg}} # units of robot.csv
-mount: fixed # camera that films pushes: it stands still
-board: {board}
-workspace: # m: box in which you push, in the robot's base: {{low: [0.40, -0.20, 0.0], high: [0.70, 0.20, 0.12]}}
-tool: # m: pusher, such as {{shape: {{kind: cylinder, radius: 0.01, length: 0.1}}}}, or {{mesh: FILE}}
-"""
-_OBJECT = """\
-schema_version: 1
-name: object
-mass:                          # kg; may stay empty
-columns: ""                    # map of the log's columns as t=stamp[ms],px=x[mm],...; empty to guess it
-"""
 
 
 class ObjectDocument(Document):
@@ -145,28 +128,6 @@ class LabFolder:
         if not pose:
             document = {**document, "object": {k: v for k, v in document.get("object", {}).items() if k != "X_WO"}}
         return document
-
-
-def new_lab(folder: Path) -> LabFolder:
-    """Make the folder of a lab: folders for photos and films, templates, the board, and a page of what to film.
-
-    Raises:
-        InputError: There is something in the folder, or it cannot be written.
-    """
-    from pinwm_drake.guide.stages import ACTS
-
-    board = Board()
-    with appearing(folder) as made:
-        for name in (*SETS, f"photos/{FIXED}", "mesh", "pushes/0000"):
-            (made / name).mkdir(parents=True)
-        draw_board(board, made / BOARD_FILE)
-        (made / LAB_FILE).write_text(_LAB.format(board=board.words()), encoding="utf-8")
-        (made / OBJECT_FILE).write_text(_OBJECT, encoding="utf-8")
-        (made / POSES_FILE).write_text("file,x,y,z,rx,ry,rz\n", encoding="utf-8")
-        acts = "\n".join(f"{number}. {act}" for number, act in enumerate(ACTS, start=1))
-        head = f"# What to do in this lab\n\n`pinwm lab {folder}` runs what it can, and says which act is next.\n\n"
-        (made / FILMING_FILE).write_text(f"{head}{acts}\n", encoding="utf-8")
-    return LabFolder(folder)
 
 
 def write_scene(lab: LabFolder) -> None:

@@ -10,7 +10,8 @@ from PIL import Image
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.guide.guide import guide_lab
-from pinwm_drake.guide.lab import LabFolder, new_lab, write_scene
+from pinwm_drake.guide.lab import LabFolder, write_scene
+from pinwm_drake.guide.new import new_lab
 from pinwm_drake.guide.page import PAGE_FILE, act_states
 from pinwm_drake.guide.record import RECORD_FILE, Entry, Record
 from pinwm_drake.guide.runs import push_files

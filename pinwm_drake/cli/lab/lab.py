@@ -70,7 +70,8 @@ def guide(request: GuideRequest) -> None:
 
 def new(request: NewLabRequest) -> None:
     """Make a lab's folder, a board to print and a page of what to film."""
-    from pinwm_drake.guide.lab import BOARD_FILE, FILMING_FILE, new_lab
+    from pinwm_drake.guide.lab import BOARD_FILE
+    from pinwm_drake.guide.new import FILMING_FILE, new_lab
     from pinwm_drake.guide.stages import ACTS
 
     made = new_lab(request.folder)
