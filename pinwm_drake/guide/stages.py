@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from pinwm_drake.capture.scene import EPISODES, episode_names
-from pinwm_drake.capture.static_views import is_picture
+from pinwm_drake.capture.static_views import is_picture, masks_beside
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.documents import read_yaml
 from pinwm_drake.experiments.progress import Progress
@@ -15,6 +15,7 @@ from pinwm_drake.guide import runs
 from pinwm_drake.guide.lab import BOARD_FILE, OBJECT_FILE, LabFolder
 from pinwm_drake.guide.record import Given
 from pinwm_drake.learning.policy import POLICY_FILE
+from pinwm_drake.reading.pictures import opened_picture
 from pinwm_drake.station.lab import LAB_FILE, POSES_FILE, SETS
 from pinwm_drake.station.photos import FEWEST, FIXED
 from pinwm_drake.twin.twin import SURFELS_FILE, TWIN_FILE
@@ -123,7 +124,7 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         (),
         None,
         _there(lab.transforms, *views),
-        len(_masks(lab.static)) >= len(views),
+        bool(views) and all(_is_cut_out(lab.static, path) for path in views),
         runs.run_masks,
         f"pinwm mask {c} --no-mesh",
     )
@@ -244,6 +245,14 @@ def _views(lab: LabFolder) -> list[Path]:
 
 def _masks(static: Path) -> tuple[Path, ...]:
     return _pictures(static / "masks")
+
+
+def _is_cut_out(static: Path, image: Path) -> bool:
+    """Flag: an image has a mask or, as its header says, alpha."""
+    if masks_beside(static, image):
+        return True
+    with opened_picture(image) as picture:
+        return picture.mode in ("RGBA", "LA", "PA")
 
 
 def _pictures(folder: Path) -> tuple[Path, ...]:

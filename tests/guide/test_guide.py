@@ -3,7 +3,6 @@ import json
 import os
 import shutil
 
-import numpy as np
 import pytest
 import yaml
 from PIL import Image
@@ -47,14 +46,9 @@ def lab(tmp_path):
 
 @pytest.fixture
 def brought(tmp_path):
-    """A lab whose capture was made elsewhere: the pushed cube, with masks."""
+    """A lab whose capture was made elsewhere: the pushed cube, whose images have alpha."""
     lab = LabFolder(tmp_path / "mylab")
     write_pushed_cube(lab.capture)
-    for folder in (lab.static, lab.capture / "episodes/0000"):
-        for path in [*folder.rglob("*.png")]:
-            mask = np.asarray(Image.open(path).convert("L")) < 250
-            (folder / "masks").mkdir(exist_ok=True)
-            Image.fromarray(255 * mask.astype(np.uint8)).save(folder / "masks" / path.name)
     return lab
 
 

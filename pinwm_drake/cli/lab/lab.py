@@ -69,7 +69,7 @@ def guide(request: GuideRequest) -> None:
 
 
 def new(request: NewLabRequest) -> None:
-    """Make a lab's folder, a board to print and a page of what to film."""
+    """Make a lab's folder, a board to print, and a page of acts."""
     from pinwm_drake.guide.lab import BOARD_FILE
     from pinwm_drake.guide.new import FILMING_FILE, new_lab
     from pinwm_drake.guide.stages import ACTS
