@@ -33,7 +33,7 @@ LINES = (
     {"systems"},
     {"experiments"},
     {"paper"},
-    {"demo"},
+    {"demo", "guide"},
     {"cli"},
 )
 # The same inside systems, whose folders are lines of their own.

@@ -47,6 +47,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "evaluate": "pinwm evaluate out/policy --engine hydroelastic -o out/evaluation",
     "export": "pinwm export runs/push/best out/bundle --max-speed 0.1",
     "identify": "pinwm identify capture out/twin; then: pinwm report out/twin",
+    "lab": "",
     "mask": "pinwm mask mycapture; then: pinwm capture check mycapture",
     "mesh": "pinwm mesh mycapture --from scan.stl; then: pinwm pose mycapture",
     "model": "pinwm model out/twin out/model",
@@ -61,7 +62,7 @@ _EXAMPLES = {  # those of groups stand with their commands
     "view": "pinwm view out/align --html out/object.html --video out/object.mp4",
 }
 _PACKAGE = "pinwm_drake.cli"
-_LAB = {"calibrate", "mask", "mesh", "pose"}  # in a folder of their own
+_LAB = {"calibrate", "lab", "mask", "mesh", "pose"}  # in a folder of their own
 
 
 class _LazyCommand(TyperCommand):

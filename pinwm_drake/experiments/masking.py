@@ -55,6 +55,7 @@ def mask_capture(
     size: float | None = None,
     segmenter: Sequence[Path] = (),
     use_mesh: bool = True,
+    pushes: bool = True,
     progress: Progress = silent,
 ) -> Masked:
     """Write masks of all images of a capture.
@@ -64,6 +65,7 @@ def mask_capture(
         size: Largest extent of the object, m; None for what mesh or cameras tell.
         segmenter: ONNX files of a network that cuts out objects; see `OnnxSegmenter`.
         use_mesh: Flag: the mesh is used, if there is one.
+        pushes: Flag: images of pushes get masks too.
         progress: Called with the stages "static views" and "pushes".
 
     Raises:
@@ -87,15 +89,32 @@ def mask_capture(
     )
     written, kept = len(shots) - len(known), len(known)
     doubts = [(f"static/{name}" if name else "static", reason) for name, reason in found.doubts]
-    if capture.episode_names and capture.pusher == PusherGeometry(None, None):
+    if pushes and capture.episode_names and capture.pusher == PusherGeometry(None, None):
         doubts.append(("episodes", "no pusher in capture.yaml: images of pushes get no masks"))
-    elif capture.episode_names:
+    elif pushes and capture.episode_names:
         model, X_WO = _model(capture, mesh, shots, found)
         for number, name in enumerate(capture.episode_names):
             more = _mask_episode(capture, name, model, X_WO)
             progress("pushes", (number + 1) / len(capture.episode_names), name)
             written, kept, doubts = written + more[0], kept + more[1], doubts + more[2]
     return Masked(found, written, kept, doubts)
+
+
+def mask_push(folder: Path, name: str) -> tuple[int, int, list[tuple[str, str]]]:
+    """Write the masks of a push, which the mesh of the capture follows from the pose at the start.
+
+    Args:
+        folder: The capture.
+        name: Name of the push.
+
+    Returns:
+        Numbers of masks that were written and kept, and doubts as in `Masked`.
+
+    Raises:
+        InputError: A file is missing or refused.
+    """
+    capture = load_capture(folder)
+    return _mask_episode(folder, name, load_mesh(capture.object.mesh_path), pose_to_matrix(capture.object.X_WO).numpy())
 
 
 def read_shots(static: Path) -> tuple[list[Shot], dict[int, np.ndarray]]:

@@ -11,8 +11,6 @@ import numpy as np
 
 from pinwm_drake.capture.clock import EpisodeClock, write_clock
 from pinwm_drake.capture.episode_tables import PusherTrajectory
-from pinwm_drake.capture.episodes import CAMERA_FILE, read_fixed_camera
-from pinwm_drake.capture.images import size_of
 from pinwm_drake.capture.importers.columns import make_trajectory, parse_columns
 from pinwm_drake.capture.importers.film import Film, counted, is_epoch
 from pinwm_drake.capture.importers.recordings import read_film, read_log
@@ -29,6 +27,7 @@ from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.station.clock.find import SPAN, find_clock
 from pinwm_drake.station.clock.fine import ClockFit
 from pinwm_drake.station.clock.patches import PusherFilm, box_of_way
+from pinwm_drake.station.eye import Eye, read_eye
 
 _AROUND = 0.5  # s of the log that are kept before the first and after the last image
 _FEWEST = 8  # images of an episode
@@ -46,7 +45,8 @@ class Sources:
         video: Film.
         log: Log of the pusher; None where the film's recording has it too.
         columns: Map from the log's columns; empty to guess them.
-        camera: File of the camera, as `camera.json`; None for that of the capture's last episode.
+        camera: File of the camera, as `camera.json`, or a `station.yaml`, whose log is in the robot's base; None for
+            the camera of the capture's last episode.
         masks: Folder of masks or film of masks, one for each frame of the film; None for none.
         rate: Hz, of a film without time stamps.
         stamps: File of the images' times.
@@ -112,7 +112,10 @@ def add_episode(path: Path, sources: Sources, *, name: str | None = None, report
     trajectory, notes = make_trajectory(read_log(log_path, topic=sources.log_topic, number=sources.number), given)
     notes = [*film.notes, *notes]
     first = next(film.frames([0]))
-    camera, X_WC = _camera(capture, sources.camera, first)
+    eye = read_eye(capture, sources.camera, first)
+    film, trajectory, camera, X_WC = eye.film(film), eye.log(trajectory), eye.camera, eye.X_WC
+    if eye.lens is not None:
+        notes.append("images freed of the lens's distortion; the log turned from the robot's base into W")
     fit = _offset(capture, film, trajectory, camera, X_WC, sources, notes, report)
     t = film.t * fit.rate + fit.offset
     inside = np.nonzero((t >= trajectory.t[0]) & (t <= trajectory.t[-1]))[0]
@@ -138,7 +141,8 @@ def add_episode(path: Path, sources: Sources, *, name: str | None = None, report
     trajectory = replace(trajectory, t=trajectory.t - begin)
     with appearing(prepare_folder(capture.folder / EPISODES) / name) as folder:
         names = _write_images(folder, film, inside, report)
-        masked = _write_masks(folder, sources.masks, film, inside, names, first)
+        masked = _write_masks(folder, sources.masks, film, inside, names, eye)
+        masked |= first.shape[2] == 4
         write_episode_tables(folder, camera, X_WC, names, t[inside] - begin, trajectory, None)
         write_clock(folder, clock)
     folder = capture.folder / EPISODES / name
@@ -155,29 +159,6 @@ def _part(film: Film, sources: Sources) -> Film:
         raise InputError(film.path, value=found, allowed=f"{_FEWEST} to {_LONGEST}; --start and --end choose a part")
     frames = film.frames
     return replace(film, t=film.t[chosen], frames=lambda numbers: frames(chosen[list(numbers)].tolist()))
-
-
-def _camera(capture: Capture, file: Path | None, first: np.ndarray) -> tuple[Camera, Pose]:
-    if file is None:
-        if not capture.episode_names:
-            allowed = "--camera FILE with intrinsics and pose of the camera, as episodes/NAME/camera.json"
-            raise InputError(capture.folder, value="no episode whose camera could be taken", allowed=allowed)
-        file = capture.folder / EPISODES / capture.episode_names[-1] / CAMERA_FILE
-    folder = file if file.is_dir() else file.parent
-    camera, X_WC = read_fixed_camera(folder) if file.is_dir() or file.name == CAMERA_FILE else _other_camera(file)
-    if first.shape[:2] != (camera.height, camera.width):
-        allowed = f"{camera.width} x {camera.height} px, as {file} says"
-        raise InputError(file, value=f"a film of {size_of(first)}", allowed=allowed)
-    return camera, X_WC
-
-
-def _other_camera(file: Path) -> tuple[Camera, Pose]:
-    from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
-    from pinwm_drake.documents import read_json
-
-    document = read_json(file)
-    require_known(document)
-    return read_camera(document, document), read_pose(document["transform_matrix"])
 
 
 def _offset(
@@ -256,28 +237,25 @@ def _write_picture(path: Path, picture: np.ndarray) -> None:
             raise OSError("no image could be written")
 
 
-def _write_masks(
-    folder: Path, masks: Path | None, film: Film, numbers: np.ndarray, names: list[str], first: np.ndarray
-) -> bool:
-    """Write the masks of frames; return whether there are masks, or alpha in the frames."""
+def _write_masks(folder: Path, masks: Path | None, film: Film, numbers: np.ndarray, names: list[str], eye: Eye) -> bool:
+    """Write the masks of frames; return whether there are any."""
     if masks is None:
-        return first.shape[2] == 4
+        return False
     prepare_folder(folder / "masks")
-    for name, mask in zip(names, _masks(masks, film, numbers, first), strict=True):
+    for name, mask in zip(names, _masks(masks, film, numbers, eye), strict=True):
         _write_picture(folder / "masks" / Path(name).name, mask)
     return True
 
 
-def _masks(path: Path, film: Film, numbers: np.ndarray, first: np.ndarray) -> Iterator[np.ndarray]:
+def _masks(path: Path, film: Film, numbers: np.ndarray, eye: Eye) -> Iterator[np.ndarray]:
     """Masks (H, W) uint8 of frames, from a folder or film with one for each frame of the film."""
     found = read_film(path, rate=None if is_file(path) else film.rate)
     if len(found.t) != len(film.t):
         found_words = f"{counted(len(found.t), 'mask')}"
         raise InputError(path, value=found_words, allowed=f"{len(film.t)}, one for each frame of the film")
     for mask in found.frames(numbers.tolist()):
-        if mask.shape[:2] != first.shape[:2]:
-            raise InputError(path, value=size_of(mask), allowed=f"{size_of(first)}, the size of the film")
-        yield np.where(mask[..., :3].max(-1) >= 128, 255, 0).astype(np.uint8)
+        eye.require_size(path, mask, "the size of the film")
+        yield np.where(eye.seen(mask[..., :3], outside=0).max(-1) >= 128, 255, 0).astype(np.uint8)
 
 
 def _tell_doubts(capture: Capture, folder: Path, t: np.ndarray, trajectory: PusherTrajectory) -> None:

@@ -151,7 +151,7 @@ class AddEpisodeRequest:
         ),
     ] = ""
     camera: Annotated[
-        Path | None, option("Intrinsics and pose, as camera.json.", default="that of the last episode")
+        Path | None, option("Intrinsics and pose, as camera.json; or station.yaml.", default="that of the last episode")
     ] = None
     masks: Annotated[
         Path | None, option("Folder or film of masks, one for each frame.", group=DATA, default="alpha of the frames")

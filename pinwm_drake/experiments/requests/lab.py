@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: MIT
-"""Requests of commands that turn photos of a lab into a capture: mask, pose and mesh."""
+"""Requests of commands of a lab: mask, pose, mesh, and the guide from a new folder to a policy."""
 
 from pathlib import Path
 from typing import Annotated
 
-from pinwm_drake.request import DATA, LAB, argument, option, request
+from pinwm_drake.request import BUDGET, DATA, LAB, argument, option, request
 
 _Folder = Annotated[Path, argument("Capture: a folder with static/transforms.json.", "CAPTURE", completes="capture")]
 _Size = Annotated[
@@ -60,3 +60,19 @@ class MeshRequest:
         None
     )
     replace: Annotated[bool, option("Replace a mesh that is there.", group=DATA)] = False
+
+
+@request
+class NewLabRequest:
+    """Request of a new lab: what `pinwm lab new` does."""
+
+    folder: Annotated[Path, argument("Folder of the lab, new or empty.", "LAB")]
+
+
+@request
+class GuideRequest:
+    """Request of the guide: what `pinwm lab LAB` does."""
+
+    folder: Annotated[Path, argument("Folder that `pinwm lab new` made.", "LAB")]
+    train: Annotated[bool, option("Train a policy, where all before it is done.", "--train", group=BUDGET)] = False
+    run: Annotated[bool, option("Run what is ready; else it is only looked at.")] = True

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: MIT
+"""Work of the stages of a lab's guide, each by the functions that the commands call; they return lines of notes.
+
+Each takes the lab, a callback of its progress, and a flag: an interrupted run with the same input goes on.
+"""
+
+import math
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+
+from pinwm_drake.capture.check import check_capture
+from pinwm_drake.capture.importers.video import VIDEO_SUFFIXES
+from pinwm_drake.capture.scene import EPISODES, episode_names
+from pinwm_drake.errors import InputError
+from pinwm_drake.experiments import training
+from pinwm_drake.experiments.alignment import align
+from pinwm_drake.experiments.masking import mask_capture, mask_push
+from pinwm_drake.experiments.meshing import make_mesh
+from pinwm_drake.experiments.next_push import next_push
+from pinwm_drake.experiments.progress import Progress
+from pinwm_drake.experiments.proposal import describe, write_proposal
+from pinwm_drake.experiments.requests.train import TrainRequest
+from pinwm_drake.experiments.start import start_pose, write_pose
+from pinwm_drake.experiments.twins import identify
+from pinwm_drake.files import occupying, prepare_folder
+from pinwm_drake.guide.lab import LabFolder, write_scene
+from pinwm_drake.station.calibrate import calibrate
+from pinwm_drake.station.episode import Sources, add_episode
+from pinwm_drake.station.photos import pose_photos, write_photos
+from pinwm_drake.twin.read import load_twin
+from pinwm_drake.twin.words import doubt_words, estimate_words
+
+PROPOSAL_FILE = "push.yaml"  # of next/
+MASKS, STAMPS = "masks", "stamps.csv"  # beside the film of a push
+_FEW = 5  # doubts that are told one by one
+
+
+def run_calibration(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Calibrate the station."""
+    found, _ = calibrate(lab.path, lab.station.parent, progress)
+    reached = found.accuracy
+    return [
+        f"points of the workspace are seen within {1e3 * reached.median:.2f} mm of their places, the worst within "
+        f"{1e3 * reached.worst:.2f} mm (95 %)",
+        *found.notes,
+    ]
+
+
+def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Find the poses of the photos, and write them as static views."""
+    station = lab.read_station()
+    if station is None:
+        raise InputError(lab.station, value="no such file", allowed="that of pinwm calibrate")
+    found = pose_photos(lab.photos, lab.read_lab(), station, progress)
+    with occupying(lab.capture):
+        shutil.rmtree(lab.static / "images", ignore_errors=True)
+        write_photos(lab.photos, found, lab.static)
+    left = [f"left out: {name}: no board in it, or fewer than 8 of its corners" for name in found.left_out]
+    return [f"{len(found.names)} photos; corners are {found.noise:.2f} px off on each axis", *left]
+
+
+def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Write `capture.yaml`."""
+    write_scene(lab)
+    return []
+
+
+def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Cut the object out of the photos."""
+    found = mask_capture(lab.capture, use_mesh=False, pushes=False, progress=progress)
+    return [f"{found.written} masks made, {found.kept} kept", *_doubts(found.doubts)]
+
+
+def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Make the mesh; of a file, the masks are then put where its outlines are."""
+    progress("mesh", 0.0, "")
+    found = make_mesh(lab.capture, source=lab.cad, out=lab.mesh, replace=True)
+    size = " x ".join(f"{1e3 * x:.1f}" for x in found.mesh.extents)
+    notes = [
+        f"{len(found.mesh.faces)} triangles, {size} mm",
+        *found.done,
+        *(f"doubtful: {one}" for one in found.warnings),
+    ]
+    progress("mesh", 1.0, size)
+    if found.kind == "file":
+        masked = mask_capture(lab.capture, pushes=False, progress=progress)
+        notes += _doubts(masked.doubts)
+    return notes
+
+
+def run_pose(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Find the pose at the start."""
+    progress("pose at the start", 0.0, "")
+    found = start_pose(lab.capture)
+    write_pose(lab.capture, found.X_WO)
+    progress("pose at the start", 1.0, "")
+    about = found.pose
+    notes = [
+        f"standard deviation {1e3 * about.place:.2f} mm and {math.degrees(about.turn):.2f}°; outlines and masks "
+        f"differ by {100 * about.differing:.1f} % of the object"
+    ]
+    return notes + ([f"doubtful: {len(about.rivals)} other poses fit nearly as well"] if about.rivals else [])
+
+
+def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Fit the surfels."""
+    found = align(lab.capture, lab.twin, resume=resume, progress=progress)
+    values = list((found.psnr_test or found.psnr_train).values())
+    return [f"{found.surfels.num_surfels:,} surfels, {sum(values) / len(values):.1f} dB"]
+
+
+def run_push(push: Path, lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Add a push as an episode, and cut the object out of its images; an earlier episode of the push is replaced."""
+    video, log, masks = push_files(push)
+    stamps = push / STAMPS if (push / STAMPS).is_file() else None
+    columns = lab.read_object().columns
+    shutil.rmtree(lab.capture / EPISODES / push.name, ignore_errors=True)
+    sources = Sources(video, log, columns, camera=lab.station, masks=masks, stamps=stamps)
+    added = add_episode(lab.capture, sources, name=push.name, report=lambda what, share: progress(what, share, ""))
+    clock = added.clock
+    low, high = (1e3 * (end - clock.offset) for end in clock.interval)
+    notes = [f"{added.images} images; clock {clock.offset:+.4f} s, {low:+.1f} to {high:+.1f} ms (95 %)", *clock.notes]
+    if not added.masked:
+        progress("masks of the push", 0.0, push.name)
+        written, _, doubts = mask_push(lab.capture, push.name)
+        progress("masks of the push", 1.0, f"{written} masks")
+        notes += _doubts(doubts)
+    return notes
+
+
+def push_files(push: Path) -> tuple[Path, Path | None, Path | None]:
+    """Film, log and masks in the folder of a push; no log where the film is a recording, masks where there are any.
+
+    Raises:
+        InputError: There is no film, or more than one film or log.
+    """
+    here = [path for path in sorted(push.iterdir()) if not path.name.startswith(".")]
+    masks = next((path for path in here if path.stem == MASKS), None)
+    logs = [path for path in here if path.suffix.lower() == ".csv" and path.name != STAMPS]
+    films = [path for path in here if path not in logs and path != masks and path.name != STAMPS]
+    if len(films) != 1 or len(logs) > 1:
+        found = ", ".join(path.name for path in here) or "nothing"
+        raise InputError(
+            push, value=found[:80], allowed="one film (video, folder of images, recording) and one log.csv"
+        )
+    if not logs and films[0].suffix.lower() in VIDEO_SUFFIXES:
+        raise InputError(push, value=f"{films[0].name} alone", allowed="the pusher's log.csv beside it")
+    return films[0], logs[0] if logs else None, masks
+
+
+def run_check(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Check the capture; errors are raised, the first of them."""
+    parts = 0
+
+    def told(part: str) -> None:
+        nonlocal parts
+        parts += 1
+        progress("checking the capture", 1.0 - 1.0 / parts, part)
+
+    found = check_capture(lab.capture, told)
+    progress("checking the capture", 1.0, "")
+    for one in found.problems:
+        if one.severity == "error":
+            raise one.problem
+    return _few([f"doubtful: {one.problem}" for one in found.problems])
+
+
+def run_identify(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Identify the twin from all pushes."""
+    names = episode_names(lab.capture)
+    found = identify(lab.capture, lab.twin, episodes=names, resume=resume, progress=progress)
+    notes = [f"from pushes {', '.join(names)}; loss {found.found.loss:.5f}"]
+    for name, estimate in found.twin.theta.items():
+        words = estimate_words(estimate)
+        if estimate.identifiable:
+            notes.append(f"{name} {words.value} {words.unit}, 95 % {words.interval}".replace("  ", " "))
+    doubt = doubt_words(found.found.loss)
+    return notes + ([f"doubtful: {doubt}"] if doubt else [])
+
+
+def run_next_push(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Propose the next push within the workspace."""
+    station, twin = lab.read_station(), load_twin(lab.twin)
+    low, high = (-math.inf, -math.inf), (math.inf, math.inf)
+    if station is not None:
+        box = station.document.workspace
+        low, high = box.low[:2], box.high[:2]
+    proposal = next_push(twin, low=low, high=high, report=lambda share: progress("next push", share, ""))
+    write_proposal(prepare_folder(lab.next), twin, proposal)
+    return describe(twin, proposal)
+
+
+def is_good_enough(lab: LabFolder) -> bool:
+    """Flag: the last proposal says that no further push is needed."""
+    path = lab.next / PROPOSAL_FILE
+    return path.is_file() and bool((yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("good_enough"))
+
+
+def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Train a policy in copies of the twin; an interrupted training goes on."""
+    request = TrainRequest(scene=str(lab.twin), out=lab.policy, resume=training.can_go_on(lab.policy))
+    policy = training.train(
+        request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
+    )
+    return [f"trained: {policy.provenance.get('created', '')}"]
+
+
+def _doubts(doubts: Sequence[tuple[str, str]]) -> list[str]:
+    return _few([f"doubtful: {name}: {reason}" for name, reason in doubts])
+
+
+def _few(lines: list[str]) -> list[str]:
+    return lines if len(lines) <= _FEW else [*lines[:_FEW], f"and {len(lines) - _FEW} more"]
