@@ -14,7 +14,7 @@ import trimesh
 from pinwm_drake.capture.episodes import View, read_episode
 from pinwm_drake.capture.images import read_mask, read_photo, require_size
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.capture.scene import PusherGeometry, UnfinishedCapture, load_unfinished
+from pinwm_drake.capture.scene import Capture, PusherGeometry, UnfinishedCapture, load_capture, load_unfinished
 from pinwm_drake.capture.static_views import TRANSFORMS, mask_place, masks_beside
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.documents import read_json
@@ -114,7 +114,8 @@ def mask_push(folder: Path, name: str) -> tuple[int, int, list[tuple[str, str]]]
         InputError: A file is missing or refused.
     """
     capture = load_capture(folder)
-    return _mask_episode(folder, name, load_mesh(capture.object.mesh_path), pose_to_matrix(capture.object.X_WO).numpy())
+    mesh, X_WO = load_mesh(capture.object.mesh_path), pose_to_matrix(capture.object.X_WO).numpy()
+    return _mask_episode(capture, name, mesh, X_WO)
 
 
 def read_shots(static: Path) -> tuple[list[Shot], dict[int, np.ndarray]]:
@@ -155,7 +156,7 @@ def _model(
 
 
 def _mask_episode(
-    capture: UnfinishedCapture, name: str, mesh: trimesh.Trimesh, X_WO: np.ndarray
+    capture: Capture | UnfinishedCapture, name: str, mesh: trimesh.Trimesh, X_WO: np.ndarray
 ) -> tuple[int, int, list[tuple[str, str]]]:
     """Write the masks of a push; returns the numbers that were written and kept, and doubts."""
     episode, pusher = read_episode(capture, name), pusher_surface(capture.pusher, sections=24)

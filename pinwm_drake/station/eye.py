@@ -53,7 +53,7 @@ class Eye:
         return image if self._remap is None else self._remap(np.ascontiguousarray(image), outside)
 
     def require_size(self, path: Path, image: np.ndarray, why: str) -> None:
-        """Require an image of the film to have the size of its lens; raise InputError that says why."""
+        """Require an image (H, W, 3) of the film to have the size of its lens; raise InputError that says why."""
         film = self.camera if self.lens is None else self.lens
         width, height = film.width, film.height
         if image.shape[:2] != (height, width):
