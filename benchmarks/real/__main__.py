@@ -45,7 +45,8 @@ def main() -> None:
 
 def write(cases: Sequence[dict[str, Any]]) -> None:
     """Write all figures, and tables of them, on the page of results."""
-    text = json.dumps({"machine": machine(), "cases": [_rounded(case) for case in cases]}, indent=None)
+    cases = [_rounded(case) for case in cases]
+    text = json.dumps({"machine": machine(), "cases": cases}, indent=None)
     (_RESULTS / "real.json").write_text(text.replace('{"set"', '\n{"set"') + "\n")
     page, command = _RESULTS / "real.md", "python -m benchmarks.real --write"
     for name, table in (("mit", _mit), ("triangle", _triangle), ("others", _others)):

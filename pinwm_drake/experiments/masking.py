@@ -27,6 +27,7 @@ from pinwm_drake.masks.moving import follow
 from pinwm_drake.masks.segmenter import OnnxSegmenter
 from pinwm_drake.masks.shots import Shot
 from pinwm_drake.masks.static import FEWEST, Found, find_masks
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import pose_to_matrix
 
 RECORD = "made.json"  # in a folder `masks`: SHA-256 of each mask that a program made
@@ -208,7 +209,7 @@ class _Writer:
         found = masks_beside(self._folder, image_path)
         if len(found) > 1:
             raise InputError(found[0], value=f"{found[1].name} beside it", allowed=f"one mask of {image_path.name}")
-        if not found or self._made.get(self._name(found[0])) == _hash(found[0].read_bytes()):
+        if not found or self._made.get(self._name(found[0])) == _hash(read_bytes(found[0])):
             return None
         return read_mask(found[0])
 

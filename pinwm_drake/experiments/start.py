@@ -17,6 +17,8 @@ from pinwm_drake.experiments.masking import read_shots, written_masks
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose, misfit, refine
+from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.reading.trees import parse_yaml
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
 from pinwm_drake.spatial.rotations import matrix_to_quaternion
 
@@ -85,7 +87,7 @@ def write_pose(folder: Path, X_WO: Pose) -> None:
     path = folder / CAPTURE_FILE
     if not is_file(path):
         raise InputError(path, value="no such file", allowed=f"a {CAPTURE_FILE} to write the pose to; or --no-write")
-    document = yaml.safe_load(path.read_text(encoding="utf-8")) or {}
+    document = parse_yaml(read_bytes(path), path) or {}
     pose = {"p": [round(x, 6) for x in X_WO.p.tolist()], "q": [round(x, 9) for x in X_WO.q.tolist()]}
     document.setdefault("object", {})["X_WO"] = pose
     with replacing(path) as temporary:

@@ -9,8 +9,6 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.importers.video import VIDEO_SUFFIXES
 from pinwm_drake.capture.scene import EPISODES, episode_names
@@ -27,6 +25,8 @@ from pinwm_drake.experiments.start import start_pose, write_pose
 from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import occupying, prepare_folder
 from pinwm_drake.guide.lab import LabFolder, write_scene
+from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.reading.trees import parse_yaml
 from pinwm_drake.station.calibrate import calibrate
 from pinwm_drake.station.episode import Sources, add_episode
 from pinwm_drake.station.photos import pose_photos, write_photos
@@ -63,7 +63,7 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
 
 
 def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
-    """Write `capture.yaml`."""
+    """Write the scene of the lab to `capture.yaml`."""
     write_scene(lab)
     return []
 
@@ -196,7 +196,7 @@ def run_next_push(lab: LabFolder, progress: Progress, resume: bool = False) -> l
 def is_good_enough(lab: LabFolder) -> bool:
     """Flag: the last proposal says that no further push is needed."""
     path = lab.next / PROPOSAL_FILE
-    return path.is_file() and bool((yaml.safe_load(path.read_text(encoding="utf-8")) or {}).get("good_enough"))
+    return path.is_file() and bool((parse_yaml(read_bytes(path), path) or {}).get("good_enough"))
 
 
 def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
