@@ -106,19 +106,17 @@ def measure(seeds: int, names: list[str]) -> dict[str, Any]:
 
 
 def table(cases: dict[str, Any]) -> str:
-    """Table of the cases, and the bars."""
-    rows, bars = [], []
+    """Table of the cases."""
+    rows = []
     for name, found in cases.items():
-        values = {key: np.array([row[key] for row in found]) for key in found[0]}
-        median, worst = float(np.median(values["median"])), float(values["worst"].max())
-        points = float(values["points_held"].mean())
+        values = _columns(found)
         rows.append(
             (
                 name,
                 len(found),
-                f"{median:.2f}",
-                f"{worst:.2f}",
-                f"{100 * points:.0f} %",
+                f"{np.median(values['median']):.2f}",
+                f"{values['worst'].max():.2f}",
+                f"{100 * values['points_held'].mean():.0f} %",
                 f"{values['height'].max():.2f}",
                 f"{100 * values['height_held'].mean():.0f} %",
                 f"{values['tilt'].max():.3f}",
@@ -126,16 +124,30 @@ def table(cases: dict[str, Any]) -> str:
                 f"{np.median(values['cpu_s']):.1f}",
             )
         )
-        bars += [
-            f"- {name}: median {verdict(median, MEDIAN)}; worst {verdict(worst, WORST)}; intervals of points "
-            f"{verdict(points, COVER, at_most=False)}; table, mm {verdict(float(np.median(values['height'])), HEIGHT)} "
-            f"(worst {values['height'].max():.2f}), degrees {verdict(float(values['tilt'].max()), TILT)}."
-        ]
     header = (
         "case | seeds | points, median mm | points, worst mm | ellipses that hold | table, worst mm | intervals that "
         "hold | tilt, worst deg | intervals that hold | CPU, s"
     )
-    return "\n".join([*markdown(header, rows), "", *bars])
+    return "\n".join(markdown(header, rows))
+
+
+def bars(cases: dict[str, Any]) -> str:
+    """Bars of the cases, with what was found."""
+    lines = []
+    for name, found in cases.items():
+        values = _columns(found)
+        median, worst = float(np.median(values["median"])), float(values["worst"].max())
+        points = float(values["points_held"].mean())
+        lines.append(
+            f"- {name}: median {verdict(median, MEDIAN)}; worst {verdict(worst, WORST)}; intervals of points "
+            f"{verdict(points, COVER, at_most=False)}; table, mm {verdict(float(np.median(values['height'])), HEIGHT)} "
+            f"(worst {values['height'].max():.2f}), degrees {verdict(float(values['tilt'].max()), TILT)}."
+        )
+    return "\n".join(lines)
+
+
+def _columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
 
 
 def main() -> None:
@@ -146,7 +158,7 @@ def main() -> None:
     parser.add_argument("--case", nargs="+", choices=list(CASES), default=list(CASES))
     given = parser.parse_args()
     cases = measure(given.seeds, given.case)
-    print(table(cases))
+    print(table(cases), bars(cases), sep="\n\n")
     if given.write:
         # Cases that were not run stay as they are.
         stored = json.loads(RESULT.read_text()) if RESULT.exists() else {"cases": {}}

@@ -14,8 +14,10 @@ from typing import Any
 
 from scipy.stats import binomtest
 
+from benchmarks import calibration as calibration_benchmark
 from benchmarks.next_push.coverage import coverage_table
 from benchmarks.next_push.evaluate import cells
+from benchmarks.real import tables
 from benchmarks.results import markdown, with_block
 from pinwm_drake.geometry.pieces import touching_pieces
 from pinwm_drake.geometry.primitive import acting_pieces, acting_words
@@ -348,6 +350,33 @@ def stand_in() -> str:
     return table("task | success | 95 % interval (Wilson) | actions | actions where it succeeds", rows)
 
 
+def calibration() -> str:
+    """Table of calibrations of rendered labs."""
+    return calibration_benchmark.table(
+        {name: case["seeds"] for name, case in read("calibration.json")["cases"].items()}
+    )
+
+
+def clock() -> str:
+    """Table of the clocks of films that chose nothing."""
+    return table("what | 20 films, seeds 100 to 119", read("clock.json")["summary"].items())
+
+
+def mit() -> str:
+    """Table of MIT's real pushes."""
+    return tables.mit(read("real.json")["cases"])
+
+
+def triangle() -> str:
+    """Table of CMU's real triangle."""
+    return tables.triangle(read("real.json")["cases"])
+
+
+def others() -> str:
+    """Table of the real steel plate and of tosses."""
+    return tables.others(read("real.json")["cases"])
+
+
 def table(header: str, rows: Rows) -> str:
     """Table in Markdown."""
     return "\n".join(markdown(header, rows))
@@ -366,6 +395,11 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "identification.md", "held", held),
     (RESULTS / "identification.md", "coverage", coverage),
     (RESULTS / "identification.md", "coverage_engines", coverage_engines),
+    (RESULTS / "calibration.md", "calibration", calibration),
+    (RESULTS / "clock.md", "clock", clock),
+    (RESULTS / "real.md", "mit", mit),
+    (RESULTS / "real.md", "triangle", triangle),
+    (RESULTS / "real.md", "others", others),
     (RESULTS / "robustness.md", "review", review),
     (RESULTS / "robustness.md", "late_camera", late_camera),
     (RESULTS / "robustness.md", "stand_in", stand_in),

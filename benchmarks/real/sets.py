@@ -12,6 +12,7 @@ import numpy as np
 
 from benchmarks.real import captures
 from benchmarks.real.evaluate import FAST, SLOW, fit_and_predict, options, stored
+from benchmarks.results import machine
 from pinwm_drake.identification.options import IdentifyOptions
 
 TRIES = 3  # of one push
@@ -37,7 +38,7 @@ class Job:
 
     def run(self) -> dict[str, Any]:
         """Figures, made where they are not stored yet."""
-        return stored(self.path, lambda: self.about | self.make())
+        return stored(self.path, lambda: self.about | {"machine": machine()} | self.make())
 
 
 def mit(data: Path, out: Path, tests: int) -> Iterable[Job]:

@@ -6,11 +6,8 @@ import statistics
 
 import pytest
 
-from benchmarks.real.__main__ import _mit, _others, _triangle
 from benchmarks.result_pages import BLOCKS, ROOT, compared, coverage_engines, headline, review
 from benchmarks.results import with_block
-
-REAL = ROOT / "docs/results/real.md"
 
 
 @pytest.mark.parametrize(
@@ -26,14 +23,7 @@ def test_a_table_of_a_page_is_the_one_that_its_stored_results_give(page, name, m
 def test_each_block_of_the_results_and_the_readme_is_written_from_stored_results():
     pages = [ROOT / "README.md", ROOT / "docs/explanation/physics.md", *(ROOT / "docs/results").glob("*.md")]
     found = {(page, name) for page in pages for name in re.findall(r"<!-- begin (\w+) -->", page.read_text("utf-8"))}
-    real = {(REAL, name) for name in ("mit", "triangle", "others")}
-    assert found == {(page, name) for page, name, _ in BLOCKS} | real
-
-
-@pytest.mark.parametrize("make", [_mit, _triangle, _others])
-def test_tables_of_real_measurements_are_those_of_their_stored_results(make):
-    page = REAL.read_text("utf-8")
-    assert "\n".join(make(stored("real.json")["cases"])) in page
+    assert found == {(page, name) for page, name, _ in BLOCKS}
 
 
 def test_the_headline_has_one_figure_a_cell_and_both_seeds_and_trainings_of_the_flip():
