@@ -48,7 +48,7 @@ def write(cases: Sequence[dict[str, Any]]) -> None:
 
 
 def _rounded(value: Any) -> Any:
-    """Figures with six digits, without the names of pushes that nobody reads."""
+    """Figures with six digits."""
     if isinstance(value, dict):
         return {key: _rounded(one) for key, one in value.items()}
     if isinstance(value, list):

@@ -18,7 +18,7 @@ from pinwm_drake.spatial.poses import Pose
 
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 _SIDES = 128  # of a circle
-_TIP_LENGTH, _TIP_HEIGHT = 0.1, 0.02  # m; the height is that of its middle over the floor at the least
+_TIP_LENGTH, _TIP_GAP = 0.1, 0.002  # m; the gap is that between tip and floor
 _MIT_HEIGHT, _MIT_TIP, _MIT_SPEED = 0.013, 0.00475, 0.01  # m, m, m/s
 _CMU_LEG, _CMU_HEIGHT, _CMU_TIP, _CMU_MASS = 0.15, 0.013, 0.001, 1.518  # m, m, m, kg
 _HALF_CUBE, _CUBE_MASS, _TOSS_RATE = 0.0524, 0.37, 148.0  # m, kg, Hz
@@ -179,7 +179,7 @@ def _write_push(folder: Path, push: RealPush, height: float) -> None:
     (folder / START_FILE).write_text(text)
     t = np.append(push.tip_t, push.t[-1]) if push.t[-1] > push.tip_t[-1] else push.tip_t
     p = np.pad(push.tip, ((0, len(t) - len(push.tip)), (0, 0)), mode="edge")
-    p = np.pad(p, ((0, 0), (0, 1)), constant_values=0.5 * _TIP_LENGTH + 0.002)
+    p = np.pad(p, ((0, 0), (0, 1)), constant_values=0.5 * _TIP_LENGTH + _TIP_GAP)
     v = np.pad(np.diff(p, axis=0) / np.diff(t)[:, None], ((0, 1), (0, 0)))
     q = np.tile(_LEVEL, (len(t), 1))
     write_trajectory(folder / TRAJECTORY_FILE, PusherTrajectory(t, p, q, v, None))

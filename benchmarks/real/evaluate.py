@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from pinwm_drake.capture.episodes import ObjectPoses
 from pinwm_drake.experiments.prediction import Prediction, predict
 from pinwm_drake.experiments.twins import identify
 from pinwm_drake.identification.options import IdentifyOptions
-from pinwm_drake.twin.frame import yaw_of
+from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.predict import TWO_SIDED
 
 # Of a slow push, which is the same at any step; of a fast one.
@@ -101,6 +102,4 @@ def _last(truth: ObjectPoses, t: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _yaw(q_WA: np.ndarray, q_WB: np.ndarray) -> float:
-    import torch
-
-    return yaw_of(torch.from_numpy(q_WA), torch.from_numpy(q_WB))
+    return float(turn_between(torch.from_numpy(q_WA), torch.from_numpy(q_WB))[2])

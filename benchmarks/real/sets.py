@@ -56,8 +56,8 @@ def _pair(path: Path, out: Path, tests: int) -> tuple[Path, int, range, dict[str
     """Capture of one of MIT's pairs, the number of pushes to fit, those to predict, and what is known of it."""
     arrays = np.load(path)
     train, test = arrays["train"], arrays["test"]
-    test = test[np.linspace(0, len(test) - 1, min(tests, len(test))).round().astype(int)]
-    chosen = np.linspace(0, len(arrays["test"]) - 1, len(test)).round().astype(int)
+    chosen = np.linspace(0, len(test) - 1, min(tests, len(test))).round().astype(int)
+    test = test[chosen]
     cmu = {
         name: _mean_errors(arrays[key][chosen], test[:, 3:6])
         for name, key in (("quartic", "zhou_poly4"), ("quadratic", "zhou_quadratic"))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Measured poses of an object, as motion capture and pose estimators write them: a table of one push."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,10 +46,20 @@ class MeasuredPoses:
     left_out: int = 0
 
 
-def poses_file(poses: Path, episode: Episode) -> Path:
-    """Return the table of an episode: a file of that name in its folder where there is one, else the file itself."""
-    own = episode.folder / poses
-    return own if not poses.is_absolute() and own.is_file() else poses
+def poses_files(poses: Path, episodes: Sequence[Episode]) -> list[Path]:
+    """Return the table of each episode: the file of that name in its folder, where one of them has it, else the file.
+
+    Raises:
+        InputError: No folder has it, and there are several episodes.
+    """
+    own = [episode.folder / poses for episode in episodes]
+    if not poses.is_absolute() and any(path.is_file() for path in own):
+        return own
+    if len(episodes) > 1:
+        raise InputError(
+            poses, value=f"one file for {len(episodes)} pushes", allowed="the name of a file in each folder"
+        )
+    return [poses]
 
 
 def read_measured_poses(path: Path, X_WO: Pose) -> MeasuredPoses:

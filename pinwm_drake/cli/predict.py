@@ -21,7 +21,6 @@ def predict(request: PredictRequest) -> None:
     from pinwm_drake.capture.write import write_pose_table
     from pinwm_drake.experiments.prediction import predict as run
     from pinwm_drake.files import prepare_folder, replacing
-    from pinwm_drake.report.figures.poses import motion_figure
     from pinwm_drake.report.twin.prediction_film import write_prediction_film
 
     for path in (request.out, request.plot, request.video):
@@ -41,7 +40,7 @@ def predict(request: PredictRequest) -> None:
     push, poses, spread = found.episode, found.poses, found.spread
     if request.plot is not None:
         with replacing(request.plot) as temporary:
-            motion_figure(poses, push.object_poses, push.trajectory, spread).savefig(temporary, format="png")
+            found.figure().savefig(temporary, format="png")
         say(f"wrote {request.plot}")
     if request.video is not None:
         with stages_bar(transient=True) as show:

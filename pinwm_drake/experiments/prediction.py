@@ -17,6 +17,7 @@ from pinwm_drake.report.inline_page import InlinePage, inline_page
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
+from pinwm_drake.twin.frame import in_world
 from pinwm_drake.twin.origin import identified_push, start_pose
 from pinwm_drake.twin.predict import Spread, mismatches, predict_motion
 from pinwm_drake.twin.read import load_twin
@@ -93,7 +94,8 @@ class Prediction:
         """Figure of the object's motion over time: predicted, with its 95 % band, and as it was recorded."""
         from pinwm_drake.report.figures.poses import motion_figure
 
-        return motion_figure(self.poses, self.episode.object_poses, self.episode.trajectory, self.spread)
+        pusher = in_world(self.twin, self.episode.trajectory)
+        return motion_figure(self.poses, self.episode.object_poses, pusher, self.spread)
 
     def meshcat(self, height: int = 420) -> InlinePage:
         """Meshcat's page of the motion, for a notebook: predicted in red, recorded in grey, and the pusher in blue.
@@ -109,11 +111,11 @@ class Prediction:
         from pinwm_drake.report.style import PUSHER, TRUTH, TWIN
         from pinwm_drake.systems.view.motion import Moving, motion_page
 
-        mesh, poses, truth, log = load_mesh(self.twin.mesh_path), self.poses, self.episode.object_poses, self.episode
+        mesh, poses, truth = load_mesh(self.twin.mesh_path), self.poses, self.episode.object_poses
         bodies = {"twin": Moving(mesh, poses.t, poses.p_WO, poses.q_WO, to_rgb(TWIN))}
         if truth is not None:
             bodies["recorded"] = Moving(mesh, truth.t, truth.p_WO, truth.q_WO, to_rgb(TRUTH), 0.35)
-        pusher = log.trajectory
+        pusher = in_world(self.twin, self.episode.trajectory)
         bodies["pusher"] = Moving(pusher_surface(self.twin.pusher), pusher.t, pusher.p_WP, pusher.q_WP, to_rgb(PUSHER))
         return inline_page(motion_page(bodies, self.twin.floor_height), height)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pinwm_drake.capture.episodes import Episode, read_episode, tell_doubts
-from pinwm_drake.capture.measured_poses import MeasuredPoses, poses_file, read_measured_poses
+from pinwm_drake.capture.measured_poses import MeasuredPoses, poses_files, read_measured_poses
 from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.write import write_pose_table
@@ -63,7 +63,7 @@ def identify(
         poses: Measured poses of the object to fit to in place of images: a file, for one push, or the name of a file
             in the folder of each, such as object_poses.csv; see `read_measured_poses`. A capture without static views
             makes a grey twin then.
-        resume: Flag: fit and identification go on from checkpoints in `out`.
+        resume: Flag: fit and identification go on from checkpoints in `out`; poses are fitted anew.
         view: Flag: `progress.html` in `out` shows the run while it goes on; see `ProgressPage`.
         progress: Called with stages "fitting" and "drawing" where surfels are fitted, and "identifying".
 
@@ -75,8 +75,9 @@ def identify(
     """
     path, out = Path(path), Path(out)
     capture, pushes = read_pushes(path, episodes)
+    tables = None if poses is None else read_tables(capture, pushes, Path(poses))
     with occupying(out):
-        if poses is not None and appearance is None and not (path / "static" / TRANSFORMS).is_file():
+        if tables is not None and appearance is None and not (path / "static" / TRANSFORMS).is_file():
             surfels, offset = plain_surfels(load_mesh(capture.object.mesh_path)), (0.0, 0.0)
             X_OS = identity()
         elif appearance is not None:
@@ -104,8 +105,7 @@ def identify(
 
         progress("identifying", 0.0, "getting ready; a new mesh is cut into pieces, once")
         options = IdentifyOptions() if options is None else options
-        if poses is not None:
-            tables = read_tables(capture, pushes, Path(poses))
+        if tables is not None:
             result = identify_poses(capture, pushes, tables, surfels, offset, options, report=searched)
         else:
             result = identify_theta(
@@ -121,7 +121,8 @@ def identify(
         for push, found in zip(pushes, result.poses, strict=True):
             write_pose_table(out / "episodes" / f"{push.name}.csv", found)
         write_twin(out, twin)
-        (out / CHECKPOINT_FILE).unlink(missing_ok=True)
+        if tables is None:
+            (out / CHECKPOINT_FILE).unlink(missing_ok=True)
         return result
 
 
@@ -147,9 +148,7 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
     Raises:
         InputError: A table cannot be used, or there is one file for several pushes.
     """
-    paths = [poses_file(poses, push) for push in pushes]
-    if len(set(paths)) < len(paths):
-        raise InputError(poses, value=f"one file for {len(pushes)} pushes", allowed="the name of a file in each folder")
+    paths = poses_files(poses, pushes)
     return [
         read_measured_poses(path, push.start or capture.object.X_WO) for path, push in zip(paths, pushes, strict=True)
     ]

@@ -4,7 +4,6 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -109,7 +108,10 @@ def identify_theta(
         footages = [read_footage(episode, pusher, camera_offset, frame_numbers(episode, options)) for episode in pushes]
         radius, X_WO = half_diagonal(scene.mesh), capture.object.X_WO
         own = [X_WO if episode.start is None else episode.start for episode in pushes]
-        starts = [find_start(*one, radius, num_threads=number) for one in zip(footages, repeat(surfels), own)]
+        starts = [
+            find_start(footage, surfels, start, radius, num_threads=number)
+            for footage, start in zip(footages, own, strict=True)
+        ]
         coordinates = _coordinates(capture, options, scene, mass, starts, pushes)
         forwards = [
             Forward(scene, episode, start, mass, number, pivot=written.p)
@@ -130,7 +132,7 @@ def identify_theta(
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
     about = {**origin.to_provenance(), **registration_entry(written, X_WO)}
-    twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about)
+    twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about, q_WO=own[0].q)
     twin = with_mass(twin, scale)
     poses = [
         ObjectPoses(episode.t, X.p[: len(episode.t)].numpy(), X.q[: len(episode.t)].numpy())
@@ -150,13 +152,13 @@ def found_twin(
     X_WO: Pose,
     about: Mapping[str, Any],
     *,
-    q_WO: Tensor | None = None,
+    q_WO: Tensor,
 ) -> Twin:
     """Return the twin of an outcome, with its estimates; arguments are those of `identify_theta`.
 
     The mass [kg] is that for which inertias are given, X_WO the pose q (4,), p (3,) [m] of the object at rest, and
     `about` the entries of the provenance that tell where the twin is from; q_WO (4,) is the orientation in which it
-    was pushed, where that is another one.
+    was pushed first.
     """
     coordinates = found.coordinates
     known = capture.object.mass is not None and "mass" not in options.held
@@ -167,7 +169,7 @@ def found_twin(
     lift = nuisance["lift"]
     ends = None if lift.interval is None else (lift.interval[0] + extra, lift.interval[1] + extra)
     nuisance["lift"] = replace(lift, value=lift.value + extra, interval=ends)
-    confused = confusion(draws, X_WO.q if q_WO is None else q_WO)
+    confused = confusion(draws, q_WO)
     if confused is not None:
         for name in ("frame_x", "frame_y", "center_x", "center_y"):
             nuisance[name] = replace(nuisance[name], note=confused.words)

@@ -9,6 +9,7 @@ expanded anew.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -35,9 +36,14 @@ class Surrogate(Objective):
 
     problem: Problem
 
+    @cached_property
+    def weights(self) -> list[Tensor]:
+        """Weights (n,) of the frames of each push."""
+        return weights_of(self.expansions)
+
     def marginal(self, push: int, walk: float, turn: float) -> Marginal:
         """Quadratic loss of a push; see `Objective`."""
-        expansion, weight = self.expansions[push], weights_of(self.expansions)[push]
+        expansion, weight = self.expansions[push], self.weights[push]
         times = torch.from_numpy(self.problem.pushes[push].forward.times)
         prior = prior_root(expansion.X_WO, times, self.problem.radius, walk, turn)
         return Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
@@ -107,7 +113,7 @@ def refine(
         before = float(surrogate.objective(state.z[None])[0])
         goal = surrogate.minimise(state.z)
         gain = before - float(surrogate.objective(goal[None])[0])
-        weights, walk = weights_of(surrogate.expansions), surrogate.walk(goal)
+        weights, walk = surrogate.weights, surrogate.walk(goal)
         last = joint_loss(problem, state.z, state.corrections, surrogate.expansions, weights, walk)
         state.done = True
         for share in _SHARES:

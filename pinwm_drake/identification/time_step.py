@@ -12,11 +12,11 @@ LONGEST, MOST_WAY = 1.0 / 240.0, 5e-3  # s; m, of the pusher in a step
 
 
 def way_in_a_step(pushes: Sequence[Episode], time_step: float) -> float:
-    """Farthest way, m, by which the pusher moves within a step [s], in any of the pushes."""
+    """Farthest way, m, by which the pusher moves within a step [s], while any of the pushes is seen."""
     ways = [0.0]
     for push in pushes:
-        t, p = push.trajectory.t, push.trajectory.p_WP
-        times = np.arange(t[0], t[-1] + time_step, time_step)
+        t, p, seen = push.trajectory.t, push.trajectory.p_WP, push.times
+        times = np.arange(max(t[0], seen.min()), min(t[-1], seen.max()) + time_step, time_step)
         moved = np.diff([np.interp(times, t, p[:, axis]) for axis in range(3)], axis=1)
         ways.append(float(np.linalg.norm(moved, axis=0).max(initial=0.0)))
     return max(ways)

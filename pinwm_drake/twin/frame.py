@@ -18,7 +18,6 @@ from pinwm_drake.capture.episode_tables import PusherTrajectory
 from pinwm_drake.scene import PusherMotion
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import (
-    quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
     quaternion_to_matrix,
@@ -135,12 +134,6 @@ def confusion(draws: Draws | None, q_WO: Tensor) -> Confusion | None:
             found.append(Confusion(float(angle), float(np.corrcoef(one, other)[0, 1]), float(one.std())))
     alike = [one for one in found if abs(one.correlation) > _ALIKE]
     return max(alike, key=lambda one: abs(one.correlation) * one.spread, default=None)
-
-
-def yaw_of(q_WA: Tensor, q_WB: Tensor) -> float:
-    """Turn about the world's z [rad], -pi to pi, from one orientation (4,) to another that is as upright."""
-    w, _, _, z = quaternion_multiply(q_WB, quaternion_conjugate(q_WA)).tolist()
-    return float((2.0 * math.atan2(z, w) + math.pi) % (2.0 * math.pi) - math.pi)
 
 
 def _turn_and_shift(frame: Tensor) -> tuple[Tensor, Tensor]:

@@ -18,7 +18,7 @@ from pinwm_drake.spatial.poses import Pose, compose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.twin import Twin
 
-# The truth, where a capture has it, is no part of what a twin is made from.
+# The truth, where a capture has it, is no part of what a twin is made from; measured poses have a hash of their own.
 _LEFT_OUT = (POSES_FILE, GROUND_TRUTH_FILE)
 _SIZES = (("q", 4), ("p", 3))
 

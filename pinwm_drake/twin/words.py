@@ -18,7 +18,7 @@ _HANDY = {
     "rad": (180.0 / math.pi, "°"),
     "kg m^2": (1e4, "kg cm²"),
 }
-# Loss above which images are explained badly; pushes of a T-block have 0.001, rolls of a mug with poor physics 0.02.
+# Loss above which images are explained badly; pushes of a T-block have 0.001, two rolls of a mug had 0.013 and 0.019.
 _UNEXPLAINED = 0.01
 _MOST, _USUAL = 5, 3  # significant digits: the most that are shown, and those of a number without an interval
 

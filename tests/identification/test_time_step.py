@@ -13,7 +13,7 @@ def push(speed, rate=30.0):
     """Push that stands, moves at a speed [m/s] and stands again, logged at a rate [Hz]."""
     t = np.arange(0.0, 1.0, 1.0 / rate)
     x = speed * np.clip(t - 0.3, 0.0, 0.4)
-    return SimpleNamespace(trajectory=SimpleNamespace(t=t, p_WP=np.stack([0.6 * x, -0.8 * x, 0 * x], -1)))
+    return SimpleNamespace(times=t, trajectory=SimpleNamespace(t=t, p_WP=np.stack([0.6 * x, -0.8 * x, 0 * x], -1)))
 
 
 @pytest.mark.parametrize(
@@ -26,3 +26,9 @@ def test_the_pusher_moves_by_five_millimetres_at_most(speeds, halvings):
     assert step == LONGEST / 2**halvings
     assert way_in_a_step(pushes, step) == pytest.approx(max(speeds) * step)
     assert way_in_a_step(pushes, step) <= MOST_WAY * (1.0 + 1e-9)
+
+
+def test_what_the_pusher_does_while_nothing_is_seen_does_not_count():
+    fast = push(3.0)
+    fast.times = fast.times[fast.times > 0.75]
+    assert time_step_of([fast]) == LONGEST

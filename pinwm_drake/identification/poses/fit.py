@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Identification of a twin from measured poses in the place of images: the same unknowns, intervals and next push.
 
-Random guesses are screened, and the best of them refined, on the objective of `pose_surrogate.py`; the noise of the
+Random guesses are screened, and the best of them refined, on the objective of `surrogate.py`; the noise of the
 measurement is told by what neighbouring poses do not share, first of the measured poses, then of their residuals.
 """
 
+import hashlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -33,22 +34,23 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import spaced
 from pinwm_drake.identification.poses.noise import checked, track, white_noise
 from pinwm_drake.identification.poses.surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
-from pinwm_drake.identification.posterior import Posterior, interval
+from pinwm_drake.identification.posterior import Posterior
 from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search import Outcome, Progress, representative
 from pinwm_drake.identification.time_step import time_step_of
 from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
+from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.threads import one_torch_thread
-from pinwm_drake.twin.frame import yaw_of
 from pinwm_drake.twin.origin import Origin, registration_entry
+from pinwm_drake.twin.predict import TWO_SIDED
 from pinwm_drake.twin.twin import Estimate
 
 # Unknowns of one push that poses depend on; a camera's are none of them.
 _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
 _ROUNDS = 3
-_TWO_SIDED = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +59,26 @@ class PoseNotes:
 
     Attributes:
         sigma: (6,), white noise of rotation [rad] and position [m], world axes.
-        wrong: Rows of each file that were left out, as lines of the file, by its name.
+        wrong: Rows of each table that were left out, as lines of the file, by the names of push and file.
         left_out: Rows before or after the pushers' logs.
+        hashes: SHA-256 of each table, by the name of its push.
     """
 
     sigma: Tensor
     wrong: dict[str, list[int]]
     left_out: int
+    hashes: dict[str, str]
 
     def entry(self) -> dict[str, object]:
         """Return plain data for the provenance of a twin."""
         noise = {"position": self.sigma[3:].tolist(), "rotation": self.sigma[:3].tolist()}
-        return {"noise": noise, "wrong_lines": self.wrong, "rows_outside_log": self.left_out, "units": "m, rad"}
+        return {
+            "noise": noise,
+            "wrong_lines": self.wrong,
+            "rows_outside_log": self.left_out,
+            "sha256": self.hashes,
+            "units": "m, rad",
+        }
 
 
 def identify_poses(
@@ -91,7 +101,8 @@ def identify_poses(
         measured: Poses of each.
         surfels: An appearance for the twin, frame O.
         camera_offset: px, of the capture's cameras.
-        options: Options of the search; those of pictures have no effect.
+        options: Options of the search. Of those of pictures only `fine_frames` counts: the rows of a push that are
+            fitted.
         report: Called after each step.
     """
     begun, options = time.monotonic(), options or IdentifyOptions()
@@ -126,8 +137,14 @@ def identify_poses(
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         forwards = [one.forward for one in whole]
         scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
-    wrong = {table.path.name: lines for table, lines in sound if lines}
-    notes = PoseNotes(sigma, wrong, sum(table.left_out for table in tables))
+    wrong = {
+        f"{push.name}/{table.path.name}": lines for push, (table, lines) in zip(pushes, sound, strict=True) if lines
+    }
+    hashes = {
+        push.name: hashlib.sha256(read_bytes(table.path)).hexdigest()
+        for push, table in zip(pushes, tables, strict=True)
+    }
+    notes = PoseNotes(sigma, wrong, sum(table.left_out for table in tables), hashes)
     about = {**Origin.of(capture, pushes).to_provenance(), **registration_entry(X_WO, X_WO), "poses": notes.entry()}
     first = pushes[0].start or X_WO
     twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about, q_WO=first.q)
@@ -262,12 +279,12 @@ def _own_estimates(
 ) -> dict[str, Estimate]:
     """Estimates of the unknowns of a push by name; its start counts from where the capture has the object."""
     extra = dict(zip(("start_x", "start_y"), (measured.p - start.p)[:2].tolist(), strict=True))
-    extra["start_yaw"] = yaw_of(start.q, measured.q)
+    extra["start_yaw"] = float(turn_between(start.q, measured.q)[2])
     spread = covariance.diagonal().clamp_min(0.0).sqrt()
-    ends = [own.named(own.clamp(mean + sign * _TWO_SIDED * spread)) for sign in (0.0, -1.0, 1.0)]
+    ends = [own.named(own.clamp(mean + sign * TWO_SIDED * spread)) for sign in (0.0, -1.0, 1.0)]
     found = {}
     for unknown, one, before in zip(own.free, spread.tolist(), own.deviations, strict=True):
         value, low, high = (values[unknown.name] + extra.get(unknown.name, 0.0) for values in ends)
         told = one * unknown.scale < 0.5 * before
-        found[unknown.name] = Estimate(value, interval(np.array([low, high]), value), told, unknown.unit)
+        found[unknown.name] = Estimate(value, (low, high), told, unknown.unit)
     return found

@@ -15,7 +15,7 @@ from pinwm_drake.report.twin.score import PoseErrors
 from pinwm_drake.twin.predict import TWO_SIDED, Spread
 
 _OUTLINES = 6
-_TRUTH_LABEL = "ground truth (scored, never fitted)"
+_TRUTH_LABEL = "recorded"
 
 
 def motion_figure(

@@ -18,6 +18,7 @@ from pinwm_drake.report.style import evenly
 from pinwm_drake.report.twin.comparison_frames import PANELS, Cast, Shot, draw_shots
 from pinwm_drake.report.twin.data import Story
 from pinwm_drake.report.twin.score import PoseErrors, pose_errors
+from pinwm_drake.twin.frame import in_world
 from pinwm_drake.twin.twin import Twin
 from pinwm_drake.twin.words import doubt_words
 
@@ -53,6 +54,8 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
     truth = None if story.episode is None else story.episode.object_poses
     errors = None if truth is None or story.poses is None else pose_errors(story.poses, truth)
     verdict = _judge(twin, shots, errors, story.history)
+    fitted = "poses" in twin.provenance
+    of = "the measured pose" if fitted else "ground truth"
     chosen = [shots[k] for k in evenly(len(shots), _STRIPS)] if shots else []
     provenance = dict(twin.provenance)
     spent = provenance.pop("timings", None)
@@ -62,8 +65,9 @@ def write_twin_report(path: Path, story: Story, report: Callable[[float], None] 
         story=story,
         verdict=verdict,
         truth=truth,
+        fitted=fitted,
         panels=PANELS,
-        film=[(shot.t, shot.joined(), _words(shot, errors)) for shot in shots],
+        film=[(shot.t, shot.joined(), _words(shot, errors, of)) for shot in shots],
         heads=[f"t = {shot.t:.2f} s" for shot in chosen],
         rows=[[(shot.panels[k], f"{name} at {shot.t:.2f} s") for shot in chosen] for k, name in enumerate(PANELS)],
         motion=_motion(story, errors),
@@ -104,7 +108,8 @@ def _judge(twin: Twin, shots: list[Shot], errors: PoseErrors | None, history: Hi
     lines.append(f"The data determine {known_words}; they do not determine {other_words}.")
     if history is not None and (words := _starts_words(history)):
         lines.append(words)
-    if doubt := doubt_words(float(twin.provenance.get("loss", 0.0))):
+    # The loss of poses is not that of images.
+    if "poses" not in twin.provenance and (doubt := doubt_words(float(twin.provenance.get("loss", 0.0)))):
         lines.append(f"{doubt[0].upper()}{doubt[1:]}.")
     return Verdict(status, headline, lines)
 
@@ -136,7 +141,7 @@ def _draw(story: Story, report: Callable[[float], None]) -> list[Shot]:
     return draw_shots(story.episode, story.poses, cast, size=_PANEL, most=_MOST_SHOTS, report=report)
 
 
-def _words(shot: Shot, errors: PoseErrors | None) -> str:
+def _words(shot: Shot, errors: PoseErrors | None, of: str) -> str:
     words = f"t = {shot.t:.3f} s; outlines overlap by {100 * shot.overlap:.1f} %"
     if errors is None:
         return words
@@ -144,14 +149,15 @@ def _words(shot: Shot, errors: PoseErrors | None) -> str:
     if abs(errors.t[at] - shot.t) > 1e-6:
         return words
     millimetres, degrees = 1e3 * errors.position[at], np.degrees(errors.rotation[at])
-    return f"{words}; {millimetres:.1f} mm and {degrees:.1f}° from ground truth"
+    return f"{words}; {millimetres:.1f} mm and {degrees:.1f}° from {of}"
 
 
 def _motion(story: Story, errors: PoseErrors | None) -> dict[str, Figure | None]:
     poses, episode = story.poses, story.episode
     if poses is None:
         return {}
-    truth, pusher = (episode.object_poses, episode.trajectory) if episode is not None else (None, None)
+    truth = None if episode is None else episode.object_poses
+    pusher = None if episode is None else in_world(story.twin, episode.trajectory)
     mesh, pusher_mesh = load_mesh(story.twin.mesh_path), pusher_surface(story.twin.pusher)
     return {
         "over_time": motion_figure(poses, truth, pusher),

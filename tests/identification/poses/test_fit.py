@@ -19,8 +19,7 @@ from pinwm_drake.identification.unknowns import UNKNOWNS
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import make_scene, pusher_motion, rollout_poses
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.spatial.rotations import quaternion_exp, rotate
-from pinwm_drake.twin.frame import yaw_of
+from pinwm_drake.spatial.rotations import quaternion_exp, rotate, turn_between
 from tests.identification.samples import LEVEL, SHAPE, SIDE, TRUTH, write_capture
 
 FRAME = {"frame_x": 0.004, "frame_y": -0.003}
@@ -121,7 +120,7 @@ def test_a_row_that_jumps_is_named_and_left_out(capture, tmp_path):
     p[17] += [0.05, 0.0, 0.0]
     write_pose_table(tmp_path / "poses.csv", replace(poses, p_WO=p))
     found = identify(capture, tmp_path / "twin", episodes=["0001"], poses=tmp_path / "poses.csv", options=QUICK)
-    assert found.twin.provenance["poses"]["wrong_lines"] == {"poses.csv": [19]}
+    assert found.twin.provenance["poses"]["wrong_lines"] == {"0001/poses.csv": [19]}
     assert found.twin.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.15)
 
 
@@ -163,6 +162,6 @@ def test_a_thrown_object_flies_as_its_start_file_says(capture):
         assert alive.all()
         torch.testing.assert_close(found.p[:15, 0, 0], 0.4 * t)
         torch.testing.assert_close(found.p[:15, 0, 2], 1.0 + t - 0.5 * 9.81 * t**2, atol=0.01, rtol=0.0)
-        assert yaw_of(LEVEL, found.q[14, 0]) == pytest.approx(1.5 * float(t[14]), abs=1e-6)
+        assert float(turn_between(LEVEL, found.q[14, 0])[2]) == pytest.approx(1.5 * float(t[14]), abs=1e-6)
     finally:
         (folder / "start.yaml").unlink()
