@@ -27,10 +27,10 @@ from scipy.stats import f as fisher
 
 from benchmarks.rendered_lab import WORKSPACE, RenderedLab
 from benchmarks.results import machine, markdown, verdict
+from pinwm_drake.spatial.rigid import apply, inverse
 from pinwm_drake.station.accuracy import CONFIDENCE, across, degrees_of_freedom, seen_spread, within
 from pinwm_drake.station.calibrate import Calibration, calibration_of
 from pinwm_drake.station.lab import WorkspaceDocument, load_lab
-from pinwm_drake.station.rigid import apply, inverse
 
 RESULT = Path(__file__).resolve().parent.parent / "docs/results/calibration.json"
 CASES: dict[str, dict[str, Any]] = {

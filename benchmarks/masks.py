@@ -22,7 +22,7 @@ from benchmarks.lab_scenes import CASES, Case
 from benchmarks.results import machine
 from pinwm_drake.experiments.masking import mask_capture, read_shots
 from pinwm_drake.experiments.meshing import read_depths
-from pinwm_drake.geometry.hull.surface import hull_mesh
+from pinwm_drake.geometry.hull.surface import hull_meshes
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.start_pose import Outlines, find_start_pose
 from pinwm_drake.masks.static import Found, find_masks
@@ -71,7 +71,7 @@ def main() -> None:
 
 def measure_static(case: Case, folder: Path) -> dict:
     """Overlap of masks without and with the mesh, from above and grazing; CPU time of a view."""
-    shots, _ = read_shots(folder / "static")
+    shots, *_ = read_shots(folder / "static")
     labels = _labels(folder / TRUTH / "static", len(shots))
     found = {}
     for name, mesh in (("none", None), ("mesh", load_mesh(folder / "meshes/object.obj"))):
@@ -107,7 +107,7 @@ def measure_moving(case: Case, folder: Path) -> dict:
 
 def measure_pose(case: Case, folder: Path, number: int) -> dict:
     """Poses from 12 views with masks whose outlines waver, without a guess."""
-    shots, _ = read_shots(folder / "static")
+    shots, *_ = read_shots(folder / "static")
     labels, mesh = _labels(folder / TRUTH / "static", len(shots)), load_mesh(folder / "meshes/object.obj")
     truth, errors, begun = np.load(folder / TRUTH / "poses.npz")["X_WO"], [], time.process_time()
     for seed in range(number):
@@ -124,7 +124,7 @@ def measure_pose(case: Case, folder: Path, number: int) -> dict:
 
 def measure_mesh(case: Case, folder: Path) -> dict:
     """Meshes of the true masks that waver: from depths, and from masks alone; distances in mm."""
-    shots, _ = read_shots(folder / "static")
+    shots, *_ = read_shots(folder / "static")
     rng = np.random.default_rng(case.seed)
     masks = [wavering(label, rng) for label in _labels(folder / TRUTH / "static", len(shots))]
     true = load_mesh(folder / "meshes/object.obj")
@@ -133,7 +133,7 @@ def measure_mesh(case: Case, folder: Path) -> dict:
     found = {}
     for name, depths in (("hull", None), ("depth", read_depths(folder / "static", shots))):
         begun = time.process_time()
-        mesh = hull_mesh(masks, [shot.P for shot in shots], points, 0.004, 0.0, depths)
+        mesh = hull_meshes(masks, [shot.P for shot in shots], points, 0.004, 0.0, depths)[0]
         there, sides = _distances(true, mesh)
         back, _ = _distances(mesh, true)
         found[name] = {

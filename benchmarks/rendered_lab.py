@@ -13,9 +13,9 @@ import numpy as np
 import yaml
 
 from pinwm_drake.capture.lens import Lens, LensModel
+from pinwm_drake.spatial.rigid import apply, inverse, rigid
 from pinwm_drake.station.board import Board
 from pinwm_drake.station.lab import Mount
-from pinwm_drake.station.rigid import apply, inverse, rigid
 
 SAMPLES = 2  # along each side of a pixel, on the board
 TEXELS = 4000.0  # of the board, per m

@@ -175,11 +175,12 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def appearing(out: Path) -> Iterator[Path]:
+def appearing(out: Path, aside: Path | None = None) -> Iterator[Path]:
     """Hands out a folder beside `out`, which takes its name when the block ends well, and is removed otherwise.
 
     Args:
         out: The final name: nothing yet, or an empty folder. Parents are made.
+        aside: New name that an earlier folder at `out` takes just before; None to refuse one that holds something.
 
     Yields:
         The folder to write to.
@@ -191,10 +192,14 @@ def appearing(out: Path) -> Iterator[Path]:
     remove_leftovers(whole.parent)
     temporary = _temporary(whole)
     try:
-        if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        holds = out.exists() and (not out.is_dir() or any(out.iterdir()))
+        if out.is_symlink() or (holds and (aside is None or not out.is_dir())):
             raise InputError(out, value="something there already", allowed="a new or empty folder")
         temporary.mkdir(parents=True)
         yield temporary
+        if holds and aside is not None:
+            aside.parent.mkdir(parents=True, exist_ok=True)
+            whole.replace(aside)
         allowed = "a new or empty folder"
         temporary.replace(whole)
     except OSError as error:

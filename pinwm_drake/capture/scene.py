@@ -188,7 +188,7 @@ class UnfinishedCapture:
     Attributes:
         folder: Folder of the capture.
         floor_height: m; 0 where nothing tells it.
-        mesh_path: File of the object's mesh that is there; or None.
+        mesh_path: File of the object's mesh, which may be missing; None where nothing names one.
         X_WO: Pose of the object that the file gives; or None.
         pusher: The pusher, of which nothing may be known; its mesh may be missing.
         episode_names: The folders in `episodes`, sorted.
@@ -214,7 +214,7 @@ def load_unfinished(capture: str | Path) -> UnfinishedCapture:
     found = read_yaml(folder / CAPTURE_FILE).read(_Unfinished) if is_file(folder / CAPTURE_FILE) else None
     found = found or _Unfinished(schema_version=SCHEMA_VERSION)
     mesh = found.object.mesh
-    mesh_path = folder / mesh if mesh is not None and is_file(folder / mesh) else None
+    mesh_path = None if mesh is None else folder / mesh
     X_WO = None if found.object.X_WO is None else found.object.X_WO.pose()
     pusher = PusherGeometry(
         None if found.pusher.mesh is None else folder / found.pusher.mesh,

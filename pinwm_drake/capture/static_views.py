@@ -63,8 +63,10 @@ def read_frame_image(frame: Frame) -> tuple[np.ndarray, np.ndarray]:
     return image, mask
 
 
-def find_mask(folder: Path, image_path: Path) -> Path | None:
+def find_mask(folder: Path, image_path: Path, *, required: bool = True) -> Path | None:
     """Path of the mask of an image; None where `folder` has no folder `masks` with a picture in it.
+
+    Where it is not required, None too where other images have masks and this one has none.
 
     `masks` mirrors the folders below that of the images: the mask of `images/cam1/a.jpg` is in `masks/cam1`. There it
     is the picture `a.jpg`, or else the only one of `a.png`, `a.jpg.png` and others with these beginnings.
@@ -77,10 +79,10 @@ def find_mask(folder: Path, image_path: Path) -> Path | None:
         return None
     parts = image_path.relative_to(folder).parts if image_path.is_relative_to(folder) else (image_path.name,)
     below = () if ".." in parts else parts[1:-1]
-    return named_mask(masks, image_path, Path(*below), folder)
+    return named_mask(masks, image_path, Path(*below), folder, required=required)
 
 
-def named_mask(masks: Path, image_path: Path, below: Path, images: Path) -> Path | None:
+def named_mask(masks: Path, image_path: Path, below: Path, images: Path, *, required: bool = True) -> Path | None:
     """Path of the mask of an image in a folder of masks, as `find_mask`.
 
     Args:
@@ -88,6 +90,7 @@ def named_mask(masks: Path, image_path: Path, below: Path, images: Path) -> Path
         image_path: The image.
         below: Folder of the mask, below `masks`.
         images: The folder from which the image's name in a message counts.
+        required: Flag: where other images have masks, this one has to have one.
 
     Raises:
         InputError: As for `find_mask`.
@@ -103,7 +106,7 @@ def named_mask(masks: Path, image_path: Path, below: Path, images: Path) -> Path
             found[0], value=f"{found[1].name} beside it", allowed=f"one mask of {_short(image_path, images)}"
         )
     if not found:
-        if not any(is_picture(path) for path in masks.rglob("*")):
+        if not required or not any(is_picture(path) for path in masks.rglob("*")):
             return None
         allowed = "a mask for each image, or no such folder"
         raise InputError(masks, value=f"no mask {below / image_path.stem}.* of {name}", allowed=allowed)
@@ -122,13 +125,6 @@ def mask_place(folder: Path, image_path: Path) -> Path:
     parts = image_path.relative_to(folder).parts if image_path.is_relative_to(folder) else (image_path.name,)
     below = () if ".." in parts else parts[1:-1]
     return folder.joinpath("masks", *below, f"{stem}.png")
-
-
-def masks_beside(folder: Path, image_path: Path) -> list[Path]:
-    """Pictures that may be the mask of an image, as `find_mask` has them; others may have none."""
-    place = mask_place(folder, image_path).parent
-    found = _pictures(place, image_path.stem) if place.is_dir() else []
-    return [path for path in found if path.stem in (image_path.stem, image_path.name)]
 
 
 def is_picture(path: Path) -> bool:

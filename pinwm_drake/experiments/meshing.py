@@ -5,26 +5,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import trimesh
 
+from pinwm_drake.capture.images import size_of
 from pinwm_drake.capture.scene import load_unfinished
+from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.masking import read_shots, written_masks
+from pinwm_drake.experiments.masking import read_shots
+from pinwm_drake.experiments.start import POOR
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.hull.repair import read_repaired
-from pinwm_drake.geometry.hull.surface import hull_mesh
+from pinwm_drake.geometry.hull.surface import hull_meshes
 from pinwm_drake.geometry.hull.visual import Grid, carve
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.shots import Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose
-from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.reading.pictures import opened_picture
 
 HULL_ERROR = 2.4e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
 _REACH, _VOXELS = 0.31, 72  # as in pinwm_drake/masks: of the distance of the cameras; along the diameter
-_POOR = 0.1  # share of differing pixels above which a mesh is doubtful
-_MILLIMETRE = 1e-3
+_KINDS = {"file": "the file", "depths": "depths within the hull of the masks", "hull": "the hull of the masks"}
+_SCALES = {"I;16": 1e-3, "I;16B": 1e-3, "I;16L": 1e-3, "F": 1.0}  # m, of a unit in pictures of a mode of Pillow
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,15 @@ class Meshed:
     pose: StartPose | None
     warnings: list[str]
 
+    def words(self) -> list[str]:
+        """What was made of which source, one line each; doubts begin with "doubtful: "."""
+        size = " x ".join(f"{1e3 * x:.1f}" for x in self.mesh.extents)
+        about = f"{len(self.mesh.faces)} triangles, {size} mm, {1e6 * self.mesh.volume:.1f} cm³"
+        lines = [f"{_KINDS[self.kind]}: {about}", *self.done]
+        if self.pose is not None:
+            lines.append(f"outlines of the mesh and masks differ by {100 * self.pose.differing:.1f} % of the object")
+        return [*lines, *(f"doubtful: {one}" for one in self.warnings)]
+
 
 def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = None, replace: bool = False) -> Meshed:
     """Write a closed mesh of a capture's object, in metres, of 2,000 triangles at most.
@@ -64,8 +75,7 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
     if out.exists() and not replace:
         raise InputError(out, value="a file that is there already", allowed="another --out, or --replace")
     static = folder / "static"
-    shots, known = read_shots(static) if (static / "transforms.json").is_file() else ([], {})
-    known = written_masks(static, shots) | known
+    shots, known, _ = read_shots(static) if (static / TRANSFORMS).is_file() else ([], {}, set())
     rows = sorted(known)
     shots, masks = [shots[k] for k in rows], [known[k] for k in rows]
     points, coarse = _coarse_hull(shots, masks, capture.floor_height)
@@ -78,10 +88,11 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
         if not len(points):
             raise InputError(static, value="no masks that agree on a thing", allowed="masks, or a file: --from FILE")
         depths = read_depths(static, shots)
-        made = hull_mesh(masks, [s.P for s in shots], points, coarse, capture.floor_height, depths)
-        if made is None:
+        pieces = hull_meshes(masks, [s.P for s in shots], points, coarse, capture.floor_height, depths)
+        if not pieces:
             raise InputError(static, value="no thing that all masks show", allowed="masks that agree")
-        mesh, kind, done = made, "hull" if depths is None else "depths", [f"{len(made.faces)} triangles"]
+        mesh, kind, done = pieces[0], "hull" if depths is None else "depths", []
+        doubts += [_left_out(piece, mesh) for piece in pieces[1:]]
         middle = mesh.bounds.mean(axis=0) * [1, 1, 0] + [0, 0, capture.floor_height]
         mesh.apply_translation(-middle)
         if kind == "hull":
@@ -90,7 +101,7 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
                 f"are off by {1e3 * HULL_ERROR:.1f} mm on average"
             )
     pose = find_start_pose(Outlines.of(shots, masks), mesh, capture.floor_height) if shots else None
-    if pose is not None and pose.differing > _POOR:
+    if pose is not None and pose.differing > POOR:
         doubts.append(f"outlines of the mesh and masks differ by {pose.differing:.0%} of the object: look at the masks")
     prepare_folder(out.parent)
     with replacing(out) as temporary:
@@ -115,14 +126,23 @@ def read_depths(static: Path, shots: Sequence[Shot]) -> list[np.ndarray] | None:
         path = next((path for path in paths if path.is_file()), None)
         if path is None:
             raise InputError(paths[0], value="no such file", allowed=f"the depths of {shot.name}")
-        picture = cv2.imdecode(np.frombuffer(read_bytes(path), np.uint8), cv2.IMREAD_UNCHANGED)
-        if picture is None or picture.ndim != 2 or picture.dtype not in (np.uint16, np.float32):
-            raise InputError(path, value="another kind of picture", allowed="16-bit PNG in mm, or float TIFF in m")
-        if picture.shape != shot.shape:
-            raise InputError(path, value=f"{picture.shape[1]} x {picture.shape[0]} px", allowed="the image's size")
-        scale = _MILLIMETRE if picture.dtype == np.uint16 else 1.0
-        depths.append(np.nan_to_num(picture.astype(np.float32) * np.float32(scale), posinf=0.0))
+        with opened_picture(path) as picture:
+            if picture.mode not in _SCALES:
+                found = f"mode {picture.mode}"
+                raise InputError(path, value=found, allowed="16-bit PNG in mm, or float TIFF in m, grey")
+            depth = np.asarray(picture).astype(np.float32) * np.float32(_SCALES[picture.mode])
+        if depth.shape != shot.shape:
+            allowed = f"{shot.shape[1]} x {shot.shape[0]} px, the size of {shot.name}"
+            raise InputError(path, value=size_of(depth), allowed=allowed)
+        depths.append(np.nan_to_num(depth, posinf=0.0))
     return depths
+
+
+def _left_out(piece: trimesh.Trimesh, mesh: trimesh.Trimesh) -> str:
+    """Words on a piece that is no part of a mesh; both m, world."""
+    x, y, z = 1e3 * piece.bounds.mean(axis=0)
+    where = f"at ({x:.0f}, {y:.0f}, {z:.0f}) mm"
+    return f"a piece {where} is left out, {piece.volume / mesh.volume:.1%} as large as the mesh: look at the masks"
 
 
 def _coarse_hull(shots: Sequence[Shot], masks: Sequence[np.ndarray], floor: float) -> tuple[np.ndarray, float]:

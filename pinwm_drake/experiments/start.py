@@ -1,26 +1,36 @@
 # SPDX-License-Identifier: MIT
 """Pose of a capture's object at the start, from its masks or from another estimator."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 import trimesh
-import yaml
 
+from pinwm_drake.capture.amend import amend
 from pinwm_drake.capture.episode_tables import read_pose_table
-from pinwm_drake.capture.paths import is_file
+from pinwm_drake.capture.paths import is_file, require_file
 from pinwm_drake.capture.scene import CAPTURE_FILE, load_unfinished
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.masking import read_shots, written_masks
-from pinwm_drake.files import replacing
+from pinwm_drake.experiments.masking import read_shots
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose, misfit, refine
-from pinwm_drake.reading.contents import read_bytes
-from pinwm_drake.reading.trees import parse_yaml
-from pinwm_drake.spatial.poses import Pose, pose_to_matrix
-from pinwm_drake.spatial.rotations import matrix_to_quaternion
+from pinwm_drake.masks.start_pose import (
+    Outlines,
+    StartPose,
+    deviations,
+    find_start_pose,
+    misfit,
+    refine,
+    seen_at,
+    worst_view,
+)
+from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rigid import from_pose, to_pose
+
+POOR = 0.1  # share of differing pixels above which mesh and masks are doubtful
+MISSES = 0.29  # above which a pose is refused: outlines of equal area overlap by an IoU of 0.75, as `align` asks for
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +50,22 @@ class Start:
     @property
     def X_WO(self) -> Pose:
         """Pose of the object in the world; q (4,), p (3,) [m]."""
-        X = self.pose.X_WO
-        return Pose(matrix_to_quaternion(torch.from_numpy(X[:3, :3].copy())), torch.from_numpy(X[:3, 3].copy()))
+        return to_pose(self.pose.X_WO)
+
+    def words(self) -> list[str]:
+        """How sure the pose is, one line each; doubts begin with "doubtful: "."""
+        about = self.pose
+        lines = [
+            f"standard deviation {1e3 * about.place:.2f} mm and {math.degrees(about.turn):.2f}°; "
+            f"outlines and masks differ by {100 * about.differing:.1f} % of the object"
+        ]
+        if self.views == 1:
+            lines.append("doubtful: a single view: height and tilt are taken from the table")
+        if about.differing > POOR:
+            lines.append("doubtful: outlines and masks differ by much: look at the masks")
+        if about.rivals:
+            lines.append(f"doubtful: {len(about.rivals)} other poses fit nearly as well")
+        return lines
 
 
 def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = None) -> Start:
@@ -54,14 +78,13 @@ def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = No
         view: Name of the only view to use; None for all.
 
     Raises:
-        InputError: There is no mesh, no mask, no such view, or the table is refused.
+        InputError: There is no mesh, no mask, no such view, the table is refused, or no pose fits the masks.
     """
     capture = load_unfinished(folder)
     if capture.mesh_path is None:
         raise InputError(folder / CAPTURE_FILE, value="no mesh", allowed="object.mesh; pinwm mesh makes one")
-    mesh = load_mesh(capture.mesh_path)
-    shots, known = read_shots(folder / "static")
-    known = written_masks(folder / "static", shots) | known
+    mesh = load_mesh(require_file(capture.mesh_path, f"the mesh that {CAPTURE_FILE} names; pinwm mesh makes one"))
+    shots, known, _ = read_shots(folder / "static")
     rows = [k for k in sorted(known) if view is None or shots[k].name == view]
     if view is not None and not rows:
         allowed = ", ".join(shots[k].name for k in sorted(known)[:3])
@@ -69,43 +92,64 @@ def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = No
     outlines = Outlines.of([shots[k] for k in rows], [known[k] for k in rows])
     if not outlines.shots:
         raise InputError(folder / "static", value="no mask of the object", allowed="masks; pinwm mask makes them")
+    row: int | None = None
     if poses is None:
-        guess = None if capture.X_WO is None else pose_to_matrix(capture.X_WO).numpy()
+        guess = None if capture.X_WO is None else from_pose(capture.X_WO)
         found = find_start_pose(outlines, mesh, capture.floor_height, guess)
         assert found is not None
+        what, path = "the best of all resting faces and yaws", capture.mesh_path
     else:
-        found = _of_table(outlines, mesh, poses)
+        found, row = _of_table(outlines, mesh, poses)
+        what, path = "the nearest of all rows, refined", poses
+    _require_fit(outlines, mesh, found, capture.floor_height, what, path, row)
     return Start(found, len(outlines.shots), capture.X_WO)
 
 
-def write_pose(folder: Path, X_WO: Pose) -> None:
-    """Write the pose of the object to `capture.yaml`; its other keys stay, its comments do not.
+def write_pose(folder: Path, X_WO: Pose) -> bool:
+    """Write the pose of the object to `capture.yaml`, whose other keys stay.
+
+    Returns:
+        Flag: its comments are still there.
 
     Raises:
-        InputError: The file is missing or cannot be written.
+        InputError: The file is missing, holds no mapping, or cannot be written.
     """
     path = folder / CAPTURE_FILE
     if not is_file(path):
         raise InputError(path, value="no such file", allowed=f"a {CAPTURE_FILE} to write the pose to; or --no-write")
-    document = parse_yaml(read_bytes(path), path) or {}
     pose = {"p": [round(x, 6) for x in X_WO.p.tolist()], "q": [round(x, 9) for x in X_WO.q.tolist()]}
-    document.setdefault("object", {})["X_WO"] = pose
-    with replacing(path) as temporary:
-        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-        temporary.write_text(text, encoding="utf-8")
+    return amend(path, {("object", "X_WO"): pose})
 
 
-def _of_table(outlines: Outlines, mesh: trimesh.Trimesh, path: Path) -> StartPose:
-    """Pose of a table that fits masks best, refined."""
+def _of_table(outlines: Outlines, mesh: trimesh.Trimesh, path: Path) -> tuple[StartPose, int]:
+    """Pose of a table that fits masks best, refined, and its row, of which the first is 2."""
     table = read_pose_table(path)
     candidates = [
-        pose_to_matrix(Pose(torch.from_numpy(q), torch.from_numpy(p))).numpy()
-        for p, q in zip(table.p_WO, table.q_WO, strict=True)
+        from_pose(Pose(torch.from_numpy(q), torch.from_numpy(p))) for p, q in zip(table.p_WO, table.q_WO, strict=True)
     ]
-    best = min(candidates, key=lambda X: misfit(outlines, mesh, X))
+    losses = [misfit(outlines, mesh, X) for X in candidates]
+    k = int(np.argmin(losses))
+    best, before = candidates[k], losses[k]
     refined, covariance = refine(outlines, mesh, best, tilt=len(outlines.shots) > 1)
-    if misfit(outlines, mesh, refined) > misfit(outlines, mesh, best):
-        refined = best
-    half = len(covariance) // 2 if len(covariance) == 6 else 2
-    deviations = np.sqrt([np.linalg.eigvalsh(covariance[:half, :half]).max(), covariance[-1, -1]])
-    return StartPose(refined, misfit(outlines, mesh, refined), float(deviations[0]), float(deviations[1]), [])
+    after = misfit(outlines, mesh, refined)
+    X_WO = best if after > before else refined
+    return StartPose(X_WO, min(after, before), *deviations(covariance), []), k + 2
+
+
+def _require_fit(
+    outlines: Outlines, mesh: trimesh.Trimesh, found: StartPose, floor: float, what: str, path: Path, row: int | None
+) -> None:
+    """Require outlines of a mesh that lie on the masks; raise InputError that says where and how far off they are."""
+    if found.differing <= MISSES:
+        return
+    middle = found.X_WO[:3, :3] @ mesh.bounds.mean(axis=0) + found.X_WO[:3, 3]
+    x, y, z = 1e3 * middle
+    away = 1e3 * float(np.linalg.norm(middle - seen_at(outlines, floor + 0.5 * float(mesh.extents.min()))))
+    name, share = worst_view(outlines, mesh, found.X_WO)
+    raise InputError(
+        path,
+        row=row,
+        value=f"a pose, {what}, whose middle ({x:.0f}, {y:.0f}, {z:.0f}) mm is {away:.0f} mm from that of the masks; "
+        f"outlines differ by {found.differing:.0%} of the object, in {name} by {share:.0%}",
+        allowed=f"{MISSES:.0%}; check unit, frame, mesh and masks",
+    )

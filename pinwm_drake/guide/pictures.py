@@ -12,7 +12,7 @@ import trimesh
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.images import read_mask, read_photo, read_pixels
 from pinwm_drake.capture.scene import load_capture, load_unfinished
-from pinwm_drake.capture.static_views import masks_beside
+from pinwm_drake.capture.static_views import find_mask
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.guide.lab import LabFolder
@@ -60,12 +60,11 @@ def pictures_of(lab: LabFolder, key: str) -> list[Picture]:
 def _views(lab: LabFolder, *, outlines: bool, meshes: bool) -> list[Picture]:
     """Some of the static views, with the outlines of masks and of the mesh at its pose."""
     capture, found = load_unfinished(lab.capture), []
-    posed = meshes and capture.mesh_path is not None and capture.X_WO is not None
-    mesh = load_mesh(capture.mesh_path) if posed and capture.mesh_path is not None else None
+    mesh = load_mesh(capture.mesh_path) if meshes and capture.mesh_path and capture.X_WO is not None else None
     for frame in _some(read_transforms(lab.transforms), _MOST):
         image, alpha = read_photo(frame.image_path)
-        masks = masks_beside(lab.static, frame.image_path)
-        mask = read_mask(masks[0]) if len(masks) == 1 else alpha
+        mask_path = frame.mask_path or find_mask(lab.static, frame.image_path, required=False)
+        mask = alpha if mask_path is None else read_mask(mask_path)
         layers = [(mask, _MASK)] if outlines and mask is not None else []
         if mesh is not None and capture.X_WO is not None:
             X_CO = compose(inverse(frame.X_WC), capture.X_WO)
@@ -80,8 +79,8 @@ def _push(lab: LabFolder, name: str) -> list[Picture]:
     for k in _some(range(len(episode.t)), _MOST):
         path = episode.folder / episode.file_names[k]
         image, alpha = read_photo(path)
-        masks = masks_beside(episode.folder, path)
-        mask = read_mask(masks[0]) if len(masks) == 1 else alpha
+        mask_path = find_mask(episode.folder, path, required=False)
+        mask = alpha if mask_path is None else read_mask(mask_path)
         found.append((_drawn(image, [] if mask is None else [(mask, _MASK)]), f"{episode.t[k]:.2f} s"))
     return found
 

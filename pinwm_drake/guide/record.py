@@ -81,7 +81,8 @@ class Record:
                 text = json.dumps(given[1], sort_keys=True, default=str)
                 found[given[0]] = 0, 0, hashlib.sha256(text.encode()).hexdigest()
                 continue
-            name = given.relative_to(self.folder).as_posix()
+            inside = given.is_relative_to(self.folder)
+            name = (given.relative_to(self.folder) if inside else given.absolute()).as_posix()
             about = given.stat()
             size, time = about.st_size, about.st_mtime_ns
             before = known.get(name)

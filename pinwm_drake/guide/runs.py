@@ -4,14 +4,18 @@
 Each takes the lab, a callback of its progress, and a flag: an interrupted run with the same input goes on.
 """
 
+import itertools
 import math
+import os
 import shutil
-from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.importers.video import VIDEO_SUFFIXES
 from pinwm_drake.capture.scene import EPISODES, episode_names
+from pinwm_drake.capture.transforms import read_transforms
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments import training
 from pinwm_drake.experiments.alignment import align
@@ -24,9 +28,8 @@ from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.start import start_pose, write_pose
 from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import occupying, prepare_folder
+from pinwm_drake.guide.keep import keep
 from pinwm_drake.guide.lab import LabFolder, write_scene
-from pinwm_drake.reading.contents import read_bytes
-from pinwm_drake.reading.trees import parse_yaml
 from pinwm_drake.station.calibrate import calibrate
 from pinwm_drake.station.episode import Sources, add_episode
 from pinwm_drake.station.photos import pose_photos, write_photos
@@ -35,7 +38,8 @@ from pinwm_drake.twin.words import doubt_words, estimate_words
 
 PROPOSAL_FILE = "push.yaml"  # of next/
 MASKS, STAMPS = "masks", "stamps.csv"  # beside the film of a push
-_FEW = 5  # doubts that are told one by one
+REPLACED = "replaced"  # of the capture: earlier episodes with files of a person that have no place in the new ones
+_FEW = 6  # lines that are told one by one
 
 
 def run_calibration(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -56,8 +60,12 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
         raise InputError(lab.station, value="no such file", allowed="that of pinwm calibrate")
     found = pose_photos(lab.photos, lab.read_lab(), station, progress)
     with occupying(lab.capture):
-        shutil.rmtree(lab.static / "images", ignore_errors=True)
+        before = read_transforms(lab.transforms) if lab.transforms.is_file() else []
         write_photos(lab.photos, found, lab.static)
+        now = {frame.image_path for frame in read_transforms(lab.transforms)}
+        for path in {frame.image_path for frame in before} - now:
+            if path.parent == lab.static / "images":
+                path.unlink(missing_ok=True)
     left = [f"left out: {name}: no board in it, or fewer than 8 of its corners" for name in found.left_out]
     return [f"{len(found.names)} photos; corners are {found.noise:.2f} px off on each axis", *left]
 
@@ -70,24 +78,17 @@ def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[
 
 def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Cut the object out of the photos."""
-    found = mask_capture(lab.capture, use_mesh=False, pushes=False, progress=progress)
-    return [f"{found.written} masks made, {found.kept} kept", *_doubts(found.doubts)]
+    return _few(mask_capture(lab.capture, use_mesh=False, pushes=False, progress=progress).words())
 
 
 def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Make the mesh; of a file, the masks are then put where its outlines are."""
     progress("mesh", 0.0, "")
     found = make_mesh(lab.capture, source=lab.cad, out=lab.mesh, replace=True)
-    size = " x ".join(f"{1e3 * x:.1f}" for x in found.mesh.extents)
-    notes = [
-        f"{len(found.mesh.faces)} triangles, {size} mm",
-        *found.done,
-        *(f"doubtful: {one}" for one in found.warnings),
-    ]
-    progress("mesh", 1.0, size)
+    notes = found.words()
+    progress("mesh", 1.0, notes[0])
     if found.kind == "file":
-        masked = mask_capture(lab.capture, pushes=False, progress=progress)
-        notes += _doubts(masked.doubts)
+        notes += _few(mask_capture(lab.capture, pushes=False, progress=progress).words())
     return notes
 
 
@@ -95,14 +96,9 @@ def run_pose(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     """Find the pose at the start."""
     progress("pose at the start", 0.0, "")
     found = start_pose(lab.capture)
-    write_pose(lab.capture, found.X_WO)
+    kept = write_pose(lab.capture, found.X_WO)
     progress("pose at the start", 1.0, "")
-    about = found.pose
-    notes = [
-        f"standard deviation {1e3 * about.place:.2f} mm and {math.degrees(about.turn):.2f}°; outlines and masks "
-        f"differ by {100 * about.differing:.1f} % of the object"
-    ]
-    return notes + ([f"doubtful: {len(about.rivals)} other poses fit nearly as well"] if about.rivals else [])
+    return found.words() + ([] if kept else ["doubtful: comments of capture.yaml are gone"])
 
 
 def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -113,22 +109,46 @@ def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> 
 
 
 def run_push(push: Path, lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
-    """Add a push as an episode, and cut the object out of its images; an earlier episode of the push is replaced."""
+    """Add a push as an episode, and cut the object out of its images.
+
+    An earlier episode of the push stays until the new one is whole. What a person made in it is taken over, or else it
+    stays below `replaced` of the capture.
+    """
     video, log, masks = push_files(push)
     stamps = push / STAMPS if (push / STAMPS).is_file() else None
     columns = lab.read_object().columns
-    shutil.rmtree(lab.capture / EPISODES / push.name, ignore_errors=True)
-    sources = Sources(video, log, columns, camera=lab.station, masks=masks, stamps=stamps)
-    added = add_episode(lab.capture, sources, name=push.name, report=lambda what, share: progress(what, share, ""))
+    camera = lab.station if lab.station.is_file() else None
+    before, aside, left = lab.capture / EPISODES / push.name, _free(lab.capture / REPLACED / push.name), list[str]()
+    sources = Sources(video, log, columns, camera=camera, masks=masks, stamps=stamps)
+    added = add_episode(
+        lab.capture,
+        sources,
+        name=push.name,
+        aside=aside,
+        finish=lambda now: left.extend(keep(before, now)),
+        report=lambda what, share: progress(what, share, ""),
+    )
     clock = added.clock
     low, high = (1e3 * (end - clock.offset) for end in clock.interval)
     notes = [f"{added.images} images; clock {clock.offset:+.4f} s, {low:+.1f} to {high:+.1f} ms (95 %)", *clock.notes]
     if not added.masked:
         progress("masks of the push", 0.0, push.name)
-        written, _, doubts = mask_push(lab.capture, push.name)
-        progress("masks of the push", 1.0, f"{written} masks")
-        notes += _doubts(doubts)
+        masked = mask_push(lab.capture, push.name)
+        progress("masks of the push", 1.0, f"{masked.written} masks")
+        notes += _few(masked.words())
+    if left:
+        others = f" and {len(left) - 1} more files" if len(left) > 1 else ""
+        notes.append(f"doubtful: {left[0]}{others} belonged to other images: the earlier episode is now {aside}")
+    else:
+        shutil.rmtree(aside, ignore_errors=True)
+        with suppress(OSError):  # others are in it, or it was never made
+            aside.parent.rmdir()
     return notes
+
+
+def _free(path: Path) -> Path:
+    """Path with a number behind it that nothing has yet."""
+    return next(one for k in itertools.count(1) if not os.path.lexists(one := path.with_name(f"{path.name}-{k}")))
 
 
 def push_files(push: Path) -> tuple[Path, Path | None, Path | None]:
@@ -196,7 +216,8 @@ def run_next_push(lab: LabFolder, progress: Progress, resume: bool = False) -> l
 def is_good_enough(lab: LabFolder) -> bool:
     """Flag: the last proposal says that no further push is needed."""
     path = lab.next / PROPOSAL_FILE
-    return path.is_file() and bool((parse_yaml(read_bytes(path), path) or {}).get("good_enough"))
+    said = read_yaml(path).find("good_enough") if path.is_file() else None
+    return said is not None and said.value is True
 
 
 def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -208,9 +229,5 @@ def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list
     return [f"trained: {policy.provenance.get('created', '')}"]
 
 
-def _doubts(doubts: Sequence[tuple[str, str]]) -> list[str]:
-    return _few([f"doubtful: {name}: {reason}" for name, reason in doubts])
-
-
 def _few(lines: list[str]) -> list[str]:
-    return lines if len(lines) <= _FEW else [*lines[:_FEW], f"and {len(lines) - _FEW} more"]
+    return lines if len(lines) <= _FEW else [*lines[:_FEW], f"doubtful: {len(lines) - _FEW} more lines"]

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: MIT
 """Stages of a lab's guide in their order: what each needs, what a person does for it, and what runs then."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from pinwm_drake.capture.scene import EPISODES, episode_names
-from pinwm_drake.capture.static_views import is_picture, masks_beside
-from pinwm_drake.capture.transforms import read_transforms
+from pinwm_drake.capture.scene import EPISODES, episode_names, load_unfinished
+from pinwm_drake.capture.static_views import find_mask, is_picture
+from pinwm_drake.capture.transforms import Frame, read_transforms
 from pinwm_drake.documents import read_yaml
+from pinwm_drake.experiments.masking import hand_made_masks
 from pinwm_drake.experiments.progress import Progress
 from pinwm_drake.guide import runs
 from pinwm_drake.guide.lab import BOARD_FILE, OBJECT_FILE, LabFolder
@@ -117,18 +118,19 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         lab.scene.is_file(),
         runs.run_scene,
     )
-    views = _views(lab)
+    frames = read_transforms(lab.transforms) if lab.transforms.is_file() else []
+    views = [frame.image_path for frame in frames]
     yield Stage(
         "masks",
         "Masks",
         (),
         None,
-        _there(lab.transforms, *views),
-        bool(views) and all(_is_cut_out(lab.static, path) for path in views),
+        _there(lab.transforms, *views, *hand_made_masks(lab.static)),
+        bool(frames) and all(_is_cut_out(lab.static, frame) for frame in frames),
         runs.run_masks,
         f"pinwm mask {c} --no-mesh",
     )
-    cad, masks = lab.cad, _masks(lab.static)
+    cad, masks = lab.cad, _masks(lab.static, frames)
     yield Stage(
         "mesh",
         "Mesh",
@@ -145,22 +147,23 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         "Pose at the start",
         (),
         None,
-        (*_there(lab.transforms, lab.mesh, *_masks(lab.static)), _scene(lab)),
+        (*_there(lab.transforms, lab.mesh, *masks), _scene(lab)),
         pose,
         runs.run_pose,
         f"pinwm pose {c}",
     )
-    shown = _there(lab.transforms, lab.mesh, lab.scene, *views, *_masks(lab.static))
+    shown = _there(lab.transforms, lab.mesh, lab.scene, *views, *_masks(lab.static, frames))
     fitted = (lab.twin / SURFELS_FILE).is_file()
     yield Stage("appearance", "Appearance", (), None, shown, fitted, runs.run_appearance, f"pinwm align {c} {lab.twin}")
-    yield from _pushes(lab)
+    pusher = _pusher(lab)
+    yield from _pushes(lab, pusher)
     episodes = _below(c / EPISODES)
     yield Stage(
         "check",
         "Check of the capture",
         (),
         None,
-        (*shown, *episodes),
+        (*shown, *pusher, *episodes),
         True,
         runs.run_check,
         f"pinwm capture check {c}",
@@ -172,7 +175,7 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         "Twin",
         (),
         None,
-        _there(lab.scene, lab.mesh, lab.twin / SURFELS_FILE, *episodes),
+        _there(lab.scene, lab.mesh, *pusher, lab.twin / SURFELS_FILE, *episodes),
         (lab.twin / TWIN_FILE).is_file(),
         runs.run_identify,
         f"pinwm identify {c} {lab.twin}{chosen}",
@@ -197,13 +200,13 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
     )
 
 
-def _pushes(lab: LabFolder) -> Iterator[Stage]:
+def _pushes(lab: LabFolder, pusher: tuple[Path, ...]) -> Iterator[Stage]:
     """A stage for each push that was filmed, or one that asks for the first."""
     names = episode_names(lab.capture)
     if not lab.pushes:
         yield Stage("push", "Pushes", (PUSH,), PUSH, (), bool(names), None)
     for number, push in enumerate(lab.pushes):
-        given = (*_below(push), *_there(lab.station, lab.path / OBJECT_FILE, lab.mesh, lab.scene))
+        given = (*_below(push), *_there(lab.station, lab.path / OBJECT_FILE, lab.mesh, lab.scene, *pusher))
         made = lab.capture / EPISODES / push.name
         acts = (PUSH,) if number == 0 else ()
         run = partial(runs.run_push, push)
@@ -239,19 +242,21 @@ def _below(folder: Path) -> tuple[Path, ...]:
     return tuple(one for one in found if one.is_file() and not any(p[0] == "." for p in one.relative_to(folder).parts))
 
 
-def _views(lab: LabFolder) -> list[Path]:
-    return [frame.image_path for frame in read_transforms(lab.transforms)] if lab.transforms.is_file() else []
+def _masks(static: Path, frames: Sequence[Frame]) -> tuple[Path, ...]:
+    return (*_pictures(static / "masks"), *(frame.mask_path for frame in frames if frame.mask_path is not None))
 
 
-def _masks(static: Path) -> tuple[Path, ...]:
-    return _pictures(static / "masks")
+def _pusher(lab: LabFolder) -> tuple[Path, ...]:
+    """File of the pusher's mesh that `capture.yaml` names."""
+    mesh = load_unfinished(lab.capture).pusher.mesh_path if lab.scene.is_file() else None
+    return () if mesh is None else _there(mesh)
 
 
-def _is_cut_out(static: Path, image: Path) -> bool:
+def _is_cut_out(static: Path, frame: Frame) -> bool:
     """Flag: an image has a mask or, as its header says, alpha."""
-    if masks_beside(static, image):
+    if frame.mask_path is not None or find_mask(static, frame.image_path, required=False):
         return True
-    with opened_picture(image) as picture:
+    with opened_picture(frame.image_path) as picture:
         return picture.mode in ("RGBA", "LA", "PA")
 
 

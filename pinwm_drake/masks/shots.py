@@ -10,7 +10,8 @@ import trimesh
 
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels.triangles import fill_depths, mark_triangles
-from pinwm_drake.spatial.poses import Pose, inverse, pose_to_matrix
+from pinwm_drake.spatial.poses import Pose, inverse
+from pinwm_drake.spatial.rigid import from_pose
 
 _NEAR = 1e-3  # m; what is closer to the camera, or behind it, is not projected
 _MARGIN = 3  # px, of a box
@@ -37,7 +38,7 @@ class Shot:
         """Shot from a photo (H, W, 3) uint8, its camera and the pose of that in the world."""
         fx, fy, cx, cy = camera.intrinsics.tolist()
         K = np.array([[fx, 0.0, cx - 0.5], [0.0, fy, cy - 0.5], [0.0, 0.0, 1.0]])
-        return Shot(name, image, K, pose_to_matrix(inverse(X_WC)).numpy())
+        return Shot(name, image, K, from_pose(inverse(X_WC)))
 
     @property
     def P(self) -> np.ndarray:

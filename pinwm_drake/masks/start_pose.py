@@ -91,7 +91,7 @@ def find_start_pose(
     if not outlines.shots:
         return None
     middle, few = mesh.bounds.mean(axis=0), outlines.some(_FEW)
-    place = _middle(outlines, floor + 0.5 * float(mesh.extents.min()))
+    place = seen_at(outlines, floor + 0.5 * float(mesh.extents.min()))
     starts = [] if guess is None else [guess]
     for up in resting_faces(mesh):
         R_up = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
@@ -120,7 +120,7 @@ def find_start_pose(
         best, _ = refine(outlines, mesh, best, tilt=True)
         best = best if misfit(outlines, mesh, best) < misfit(outlines, mesh, level) else level
     _, covariance = refine(outlines, mesh, best, tilt=len(outlines.shots) > 1, steps=1)
-    place_sd, turn_sd = _deviations(covariance)
+    place_sd, turn_sd = deviations(covariance)
     return StartPose(best, misfit(outlines, mesh, best), place_sd, turn_sd, rivals)
 
 
@@ -153,10 +153,21 @@ def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
 
 def misfit(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> float:
     """Pixels in which a mesh's outline at X_WO (4, 4) and the masks differ, as a share of those of the masks."""
-    differing = sum(
-        int((shot.outline(mesh, X_WO) != mask).sum()) for shot, mask in zip(outlines.shots, outlines.masks, strict=True)
-    )
-    return differing / sum(int(mask.sum()) for mask in outlines.masks)
+    return sum(_differing(outlines, mesh, X_WO)) / sum(int(mask.sum()) for mask in outlines.masks)
+
+
+def worst_view(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> tuple[str, float]:
+    """Name of the photo in which a mesh's outline fits its mask worst, and the share of pixels that differ there."""
+    differing = _differing(outlines, mesh, X_WO)
+    shares = [number / int(mask.sum()) for number, mask in zip(differing, outlines.masks, strict=True)]
+    k = int(np.argmax(shares))
+    return outlines.shots[k].name, shares[k]
+
+
+def _differing(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> list[int]:
+    """Numbers of pixels in which a mesh's outline at X_WO (4, 4) and each mask differ."""
+    pairs = zip(outlines.shots, outlines.masks, strict=True)
+    return [int((shot.outline(mesh, X_WO) != mask).sum()) for shot, mask in pairs]
 
 
 def refine(
@@ -238,7 +249,7 @@ def rim(shot: Shot, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> tuple[np.ndarray
     return np.stack([columns, rows], -1), ((ray * z).T - shot.X_CW[:3, 3]) @ shot.X_CW[:3, :3]
 
 
-def _middle(outlines: Outlines, height: float) -> np.ndarray:
+def seen_at(outlines: Outlines, height: float) -> np.ndarray:
     """Return the point (3,) [m, world] that is nearest to rays through the masks' middles; on a plane for one ray."""
     A, b = np.zeros((3, 3)), np.zeros(3)
     for shot, mask in zip(outlines.shots, outlines.masks, strict=True):
@@ -252,7 +263,7 @@ def _middle(outlines: Outlines, height: float) -> np.ndarray:
     return np.linalg.lstsq(A, b, rcond=None)[0]
 
 
-def _deviations(covariance: np.ndarray) -> tuple[float, float]:
+def deviations(covariance: np.ndarray) -> tuple[float, float]:
     """Largest standard deviations of place [m] and turn [rad]."""
     if not np.isfinite(covariance).all():
         return np.inf, np.inf

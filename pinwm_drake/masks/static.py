@@ -16,7 +16,7 @@ from pinwm_drake.masks.shots import CloseUp, Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose, misfit
 
 FEWEST = 6  # photos, without which nothing tells object from table
-_REACH = 0.31  # radius of the ball in which the object is looked for, of the distance of the cameras
+_LEAST, _REACH = 0.1, 0.31  # least and largest radius of the ball in which the object is looked for, of the distance of the cameras
 _LONGEST = 320  # px, of the boxes that are worked on
 _ROOM = 0.35  # of the radius of a mesh, around it
 _FITS = 0.15  # share of differing pixels up to which the outlines of a mesh lie on the masks
@@ -65,7 +65,7 @@ def find_masks(
         known: Masks (H, W) bool that are right, by the number of the photo; they stay as they are.
         mesh: The object, m, frame O; or None.
         guess: X_WO (4, 4) [m], a pose that is tried besides others; or None.
-        size: Largest extent of the object, m; None for what the cameras' distance tells.
+        size: Largest extent of the object, m; None for what the cameras' distance tells. A mesh tells it better.
         segmenter: Network that cuts out an object; None for table and colours.
     """
     known = dict(known or {})
@@ -73,13 +73,17 @@ def find_masks(
     middle[2] = floor
     far = float(np.median([np.linalg.norm(shot.p_WC - middle) for shot in shots]))
     extent = float(np.linalg.norm(mesh.extents)) if mesh is not None else size
-    radius = _REACH * far if extent is None else min(max(extent, 0.1 * far), _REACH * far)
+    low, high = _LEAST * far, _REACH * far
+    radius = high if extent is None else min(max(extent, low), high)
     near = [shot.close_up(box, _LONGEST) if _wide(box := shot.around(middle, radius)) else None for shot in shots]
     rows = [k for k, shot in enumerate(near) if shot is not None]
     seen = [shot for shot in near if shot is not None]
     sure = {rows.index(k): seen[rows.index(k)].cut(mask) for k, mask in known.items() if k in rows}
     found = consensus(seen, middle, radius, floor, sure, segmenter)
     doubts = [(shots[k].name, "the camera does not look at the object") for k in range(len(shots)) if k not in rows]
+    if mesh is None and size is not None and radius != size:
+        taken = f"the cameras' distance of {far:.2f} m allows {low:.3f} to {high:.3f} m: {radius:.3f} m was taken"
+        doubts.append(("", f"--size is {size:g} m, and {taken}"))
     pose = None if mesh is None else _posed(seen, found, mesh, floor, guess)
     masks = [np.zeros(shot.shape, bool) for shot in shots]
     for k, shot, mask in zip(rows, seen, found.masks, strict=True):

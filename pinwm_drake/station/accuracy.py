@@ -12,7 +12,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from pinwm_drake.capture.lens import Lens
-from pinwm_drake.station.rigid import apply, cross, inverse
+from pinwm_drake.spatial.rigid import apply, cross, inverse
 from pinwm_drake.station.solve import Solution
 
 CONFIDENCE = 0.95

@@ -20,7 +20,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 
 from pinwm_drake.capture.lens import Lens
 from pinwm_drake.errors import SolverError
-from pinwm_drake.station.rigid import apply, cross, inverse, rigid, turn
+from pinwm_drake.spatial.rigid import apply, cross, inverse, rigid, turn
 
 ALL = tuple(range(6))  # v_x, v_y, v_z, w_x, w_y, w_z
 # Standard deviations of what is known of a lens before: cx, cy as a share of the width, and the distortion.

@@ -15,6 +15,7 @@ from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import occupying
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.spatial.rigid import apart, apply, inverse, to_pose
 from pinwm_drake.station.accuracy import Accuracy, accuracy, scale_by_robot
 from pinwm_drake.station.board import RULER, Board, Detector
 from pinwm_drake.station.document import STATION_FILE, Station, StationDocument, write_station
@@ -32,7 +33,6 @@ from pinwm_drake.station.lab import (
 )
 from pinwm_drake.station.moved import Background, first_move, is_change, likely_change
 from pinwm_drake.station.pictures import write_pictures
-from pinwm_drake.station.rigid import apart, apply, inverse, to_pose
 from pinwm_drake.station.sharpen import Sharpener
 from pinwm_drake.station.solve import Sighting, Solution, first_lens, solve, upright
 from pinwm_drake.station.start import guess_camera, guess_noise, locate

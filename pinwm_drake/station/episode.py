@@ -85,7 +85,15 @@ class Added:
     masked: bool
 
 
-def add_episode(path: Path, sources: Sources, *, name: str | None = None, report: Report = lambda *_: None) -> Added:
+def add_episode(
+    path: Path,
+    sources: Sources,
+    *,
+    name: str | None = None,
+    aside: Path | None = None,
+    finish: Callable[[Path], None] = lambda _: None,
+    report: Report = lambda *_: None,
+) -> Added:
     """Add an episode to a capture.
 
     The offset of the film's clock is found, frames and rows outside of the overlap are left out, and the log's times
@@ -95,6 +103,8 @@ def add_episode(path: Path, sources: Sources, *, name: str | None = None, report
         path: The capture.
         sources: Film, log and options.
         name: Name of the episode; None for the next number.
+        aside: New name of the folder of an earlier episode of this name; None to refuse one.
+        finish: Called with the new folder when all is written to it, before it takes its name.
         report: Told of what goes on.
 
     Raises:
@@ -139,12 +149,13 @@ def add_episode(path: Path, sources: Sources, *, name: str | None = None, report
         notes=tuple(notes),
     )
     trajectory = replace(trajectory, t=trajectory.t - begin)
-    with appearing(prepare_folder(capture.folder / EPISODES) / name) as folder:
+    with appearing(prepare_folder(capture.folder / EPISODES) / name, aside) as folder:
         names = _write_images(folder, film, inside, report)
         masked = _write_masks(folder, sources.masks, film, inside, names, eye)
         masked |= first.shape[2] == 4
         write_episode_tables(folder, camera, X_WC, names, t[inside] - begin, trajectory, None)
         write_clock(folder, clock)
+        finish(folder)
     folder = capture.folder / EPISODES / name
     _tell_doubts(capture, folder, t[inside] - begin, trajectory)
     return Added(folder, clock, len(names), masked)

@@ -21,9 +21,9 @@ from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rigid import apply, from_pose, inverse, to_pose
 from pinwm_drake.spatial.rotations import quaternion_multiply
 from pinwm_drake.station.document import STATION_FILE, Station, load_station, require_station
-from pinwm_drake.station.rigid import apply, from_pose, inverse, to_pose
 
 _LONGEST = 1600  # px of a side of the images of a pinhole
 

@@ -18,8 +18,8 @@ from pinwm_drake.documents import Document, FromList, Number, Text, finite, read
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.reading.pictures import opened_picture
 from pinwm_drake.reading.tables import read_rows
+from pinwm_drake.spatial.rigid import rigid
 from pinwm_drake.station.board import DEFAULT_DICTIONARY, RULER, Board
-from pinwm_drake.station.rigid import rigid
 from pinwm_drake.validation import Refusal
 
 LAB_FILE, POSES_FILE = "lab.yaml", "robot.csv"

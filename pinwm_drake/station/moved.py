@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from scipy.stats import f as fisher
 
+from pinwm_drake.spatial.rigid import inverse, turn
 from pinwm_drake.station.accuracy import degrees_of_freedom
 from pinwm_drake.station.board import Seen
-from pinwm_drake.station.rigid import inverse, turn
 from pinwm_drake.station.solve import Solution
 
 _MOST_POINTS, _FEWEST_POINTS = 200, 30

@@ -17,11 +17,11 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rigid import apply, from_pose, inverse, rigid, to_pose
 from pinwm_drake.station.board import Board, Detector, Seen
 from pinwm_drake.station.document import Station
 from pinwm_drake.station.eye import pinhole_of
 from pinwm_drake.station.lab import LabDocument, read_grey
-from pinwm_drake.station.rigid import apply, from_pose, inverse, rigid, to_pose
 from pinwm_drake.station.start import fit_lens, guess_lens, locate
 
 FIXED = "fixed"  # folder below the photos: what the station's camera saw meanwhile

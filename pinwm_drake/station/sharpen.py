@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from pinwm_drake.capture.lens import Lens
+from pinwm_drake.spatial.rigid import apply
 from pinwm_drake.station.board import FEWEST_CORNERS, Board, Seen
-from pinwm_drake.station.rigid import apply
 
 _STEP = 8  # px between the pixels whose rays are found; those between are interpolated
 _TEXELS = 96  # of a square's side in the drawing

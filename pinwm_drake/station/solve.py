@@ -8,10 +8,10 @@ import numpy as np
 
 from pinwm_drake.capture.lens import Lens
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.spatial.rigid import inverse, rigid
 from pinwm_drake.station.board import Board, Seen
 from pinwm_drake.station.bundle import Block, Bundle, Link, Noise, Photo
 from pinwm_drake.station.lab import LENS, ROBOT, TABLE, LabDocument, LabPhoto, Mount
-from pinwm_drake.station.rigid import inverse, rigid
 from pinwm_drake.station.start import fit_lens, guess_camera, guess_lens, guess_noise, locate, require_turns
 
 FEWEST_ROBOT = 6  # photos with the robot's poses

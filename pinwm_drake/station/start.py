@@ -8,8 +8,8 @@ import numpy as np
 
 from pinwm_drake.capture.lens import Lens, LensModel
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.spatial.rigid import apart, apply, inverse, mean, rigid, turn
 from pinwm_drake.station.bundle import Block, Bundle, Link, Noise, Photo
-from pinwm_drake.station.rigid import apart, apply, inverse, mean, rigid, turn
 
 _FOCALS = np.geomspace(0.25, 4.0, 17)  # of the width
 _PIXEL = 0.2  # px, first guess of the noise

@@ -9,9 +9,9 @@ from pinwm_drake.capture.remap import Remap
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rigid import apply, from_pose, inverse, rigid, to_pose
 from pinwm_drake.station.document import Station
 from pinwm_drake.station.lab import ViewDocument
-from pinwm_drake.station.rigid import apply, from_pose, inverse, rigid, to_pose
 
 SIZE = (64, 64)  # px, of a view that nobody asked for
 _MARGIN = 1.05  # around the workspace in such a view

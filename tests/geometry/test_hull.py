@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.geometry.hull.repair import MOST_TRIANGLES, guess_unit, read_repaired
-from pinwm_drake.geometry.hull.surface import hull_mesh
+from pinwm_drake.geometry.hull.surface import hull_meshes
 from pinwm_drake.geometry.hull.visual import Grid, carve
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.shots import Shot
@@ -27,7 +27,7 @@ def hull(mesh, depths=None):
     masks, projections = [shot.outline(mesh, pose()) for shot in views], [shot.P for shot in views]
     grid = Grid.between(np.array([-0.1, -0.1, 0.0]), np.array([0.1, 0.1, 0.1]), VOXEL)
     points = grid.points()[carve(masks, projections, grid, 0).ravel()].astype(float)
-    found = hull_mesh(masks, projections, points, VOXEL, 0.0, depths)
+    (found,) = hull_meshes(masks, projections, points, VOXEL, 0.0, depths)
     assert found.is_watertight
     assert found.volume > 0
     assert len(found.faces) <= MOST_TRIANGLES

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """A station that nobody calibrated, for tests."""
 
+from pinwm_drake.spatial.rigid import rigid, to_pose
 from pinwm_drake.station.document import StationDocument
-from pinwm_drake.station.rigid import rigid, to_pose
 from pinwm_drake.station.view import look_at
 
 EYE, TARGET = [0.55, -0.75, 0.6], [0.55, 0.0, 0.0]

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import SolverError
+from pinwm_drake.spatial.rigid import apply, inverse, rigid
 from pinwm_drake.station.board import Board
 from pinwm_drake.station.bundle import Block, Bundle, Link, Noise, Photo
-from pinwm_drake.station.rigid import apply, inverse, rigid
 from tests.capture.test_lens import LENSES, OPENCV
 
 G = np.random.default_rng(5)

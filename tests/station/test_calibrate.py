@@ -11,9 +11,9 @@ import yaml
 from benchmarks.calibration import HEIGHT, MEDIAN, TILT, WORST, score
 from benchmarks.rendered_lab import RenderedLab
 from pinwm_drake.errors import PinwmError
+from pinwm_drake.spatial.rigid import inverse, rigid
 from pinwm_drake.station.calibrate import calibration_of
 from pinwm_drake.station.lab import load_lab
-from pinwm_drake.station.rigid import inverse, rigid
 from tests.station.conftest import NUMBERS
 
 SMALL = (5, 9, 3)

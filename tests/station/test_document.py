@@ -7,9 +7,9 @@ import torch
 import yaml
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.rigid import from_pose
 from pinwm_drake.station.calibrate import PICTURES
 from pinwm_drake.station.document import load_station, require_station, write_station
-from pinwm_drake.station.rigid import from_pose
 from tests.station.stations import plain_station, station_document
 
 

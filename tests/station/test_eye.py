@@ -5,10 +5,10 @@ import pytest
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.rigid import from_pose, rigid
 from pinwm_drake.station.document import StationDocument, write_station
 from pinwm_drake.station.episode import Sources, add_episode
 from pinwm_drake.station.eye import eye_of
-from pinwm_drake.station.rigid import from_pose, rigid
 from tests.station.drawn_push import draw_push, place, write_csv_log, write_drawn_capture, write_mp4
 from tests.station.stations import plain_station, pose
 

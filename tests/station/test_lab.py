@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.rigid import rigid
 from pinwm_drake.station.lab import load_lab, read_poses
-from pinwm_drake.station.rigid import rigid
 
 LAB = "schema_version: 1\nruler: 0.1\nrobot: {length: mm, angle: deg}\nworkspace: {low: [0, 0, 0], high: [1, 1, 1]}\n"
 CSV = "file,x,y,z,rx,ry,rz\nrobot/a.jpg,100,200,300,90,0,0\nrobot/b.jpg,150,200,300,0,0,180\n"

@@ -8,11 +8,11 @@ from benchmarks.rendered_lab import MIDDLE, WORKSPACE, RenderedLab, look_at
 from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError
+from pinwm_drake.spatial.rigid import apart, from_pose, inverse, rigid
 from pinwm_drake.station.board import Detector
 from pinwm_drake.station.document import StationDocument, load_station, write_station
 from pinwm_drake.station.lab import LabDocument
 from pinwm_drake.station.photos import pose_photos, write_photos
-from pinwm_drake.station.rigid import apart, from_pose, inverse, rigid
 from tests.station.stations import plain_station, pose
 
 NUMBER = 10

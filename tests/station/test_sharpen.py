@@ -2,8 +2,8 @@
 import numpy as np
 
 from benchmarks.rendered_lab import RenderedLab
+from pinwm_drake.spatial.rigid import apply, inverse, rigid
 from pinwm_drake.station.board import Detector
-from pinwm_drake.station.rigid import apply, inverse, rigid
 from pinwm_drake.station.sharpen import Sharpener
 from pinwm_drake.station.start import locate
 

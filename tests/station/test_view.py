@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.spatial.rigid import apply, from_pose, inverse
 from pinwm_drake.station.document import write_station
-from pinwm_drake.station.rigid import apply, from_pose, inverse
 from pinwm_drake.station.view import look_at, view_around, view_of
 from tests.station.stations import EYE, TARGET, station_document
 

@@ -20,7 +20,5 @@ def mask(request: MaskRequest) -> None:
             use_mesh=request.mesh,
             progress=lambda stage, done, figures: show(stage, done, figures),
         )
-    for name, reason in found.doubts:
-        say(f"doubtful: {name}: {reason}", style="yellow")
-    kept = f", kept {found.kept} that others made" if found.kept else ""
-    say(f"wrote {found.written} masks below {request.folder}{kept}; {len(found.doubts)} doubts")
+    for line in found.words():
+        say(line, style="yellow" if line.startswith("doubtful") else None)

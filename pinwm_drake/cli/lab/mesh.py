@@ -4,8 +4,6 @@
 from pinwm_drake.cli.console import say
 from pinwm_drake.experiments.requests.lab import MeshRequest
 
-_KINDS = {"file": "the file", "depths": "depths within the hull of the masks", "hull": "the hull of the masks"}
-
 
 def mesh(request: MeshRequest) -> None:
     """Make a closed mesh of the object, in metres.
@@ -15,12 +13,6 @@ def mesh(request: MeshRequest) -> None:
     from pinwm_drake.experiments.meshing import make_mesh
 
     found = make_mesh(request.folder, source=request.source, out=request.out, replace=request.replace)
-    size = " x ".join(f"{1e3 * x:.1f}" for x in found.mesh.extents)
-    say(f"{_KINDS[found.kind]}: {len(found.mesh.faces)} triangles, {size} mm, {1e6 * found.mesh.volume:.1f} cm³")
-    for words in found.done:
-        say(words)
-    if found.pose is not None:
-        say(f"outlines of the mesh and masks differ by {100 * found.pose.differing:.1f} % of the object")
-    for words in found.warnings:
-        say(f"doubtful: {words}", style="yellow")
+    for line in found.words():
+        say(line, style="yellow" if line.startswith("doubtful") else None)
     say(f"wrote {found.path}; then: pinwm pose {request.folder}")

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: MIT
 """`pinwm pose`: the pose at the start in words."""
 
-import math
-
 from pinwm_drake.cli.console import say
 from pinwm_drake.experiments.requests.lab import PoseRequest
 
@@ -15,19 +13,14 @@ def pose(request: PoseRequest) -> None:
     from pinwm_drake.experiments.start import start_pose, write_pose
 
     found = start_pose(request.folder, poses=request.poses, view=request.view)
-    X_WO, about = found.X_WO, found.pose
+    X_WO = found.X_WO
     place = ", ".join(f"{1e3 * x:.1f}" for x in X_WO.p.tolist())
     turn = ", ".join(f"{x:.4f}" for x in X_WO.q.tolist())
     say(f"object at ({place}) mm, q ({turn}), from {found.views} view{'s' if found.views > 1 else ''}")
-    say(
-        f"standard deviation {1e3 * about.place:.2f} mm and {math.degrees(about.turn):.2f}°; "
-        f"outlines and masks differ by {100 * about.differing:.1f} % of the object"
-    )
-    if found.views == 1:
-        say("doubtful: a single view: height and tilt are taken from the table", style="yellow")
-    if about.rivals:
-        say(f"doubtful: {len(about.rivals)} other poses fit nearly as well", style="yellow")
+    for line in found.words():
+        say(line, style="yellow" if line.startswith("doubtful") else None)
     if request.write:
-        write_pose(request.folder, X_WO)
+        kept = write_pose(request.folder, X_WO)
         instead = "" if found.before is None else ", in place of the one that was there"
-        say(f"wrote object.X_WO to {request.folder / 'capture.yaml'}{instead}")
+        lost = "" if kept else "; comments of the file are gone"
+        say(f"wrote object.X_WO to {request.folder / 'capture.yaml'}{instead}{lost}")

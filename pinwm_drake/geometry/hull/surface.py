@@ -15,18 +15,19 @@ _VOXELS = 70  # along the largest extent of the object
 _MISSES = 1  # masks that may be wrong at a point
 _ROOM = 2  # voxels of the coarse hull around its points
 _BAND = 3.3  # voxels around a surface in which depths count
+_CRUMB = 1e-3  # of the largest piece: less is noise of the size of voxels
 _SMOOTH = 0.7  # voxels, of the noise of depths
 
 
-def hull_mesh(
+def hull_meshes(
     masks: Sequence[np.ndarray],
     projections: Sequence[np.ndarray],
     points: np.ndarray,
     coarse: float,
     floor: float,
     depths: Sequence[np.ndarray] | None = None,
-) -> trimesh.Trimesh | None:
-    """Closed mesh [m, world] of what masks leave, cut off at the table; None where they leave nothing.
+) -> list[trimesh.Trimesh]:
+    """Closed meshes [m, world] of the pieces that masks leave, cut off at the table, the largest first.
 
     The hull fills cups and rounds what no photo shows from the side. Depths carve what it fills.
 
@@ -39,7 +40,7 @@ def hull_mesh(
         depths: (H, W) float32 each, m along the camera's axis, 0 where nothing is known; or None.
     """
     if not len(points):
-        return None
+        return []
     low, high = points.min(axis=0) - _ROOM * coarse, points.max(axis=0) + _ROOM * coarse
     voxel = float((high - low).max()) / _VOXELS
     low[2] = floor - voxel
@@ -52,10 +53,8 @@ def hull_mesh(
     values = ndimage.gaussian_filter(values, _SMOOTH) if depths is not None else values
     made = _surface(values, grid)
     made = made.trim_by_plane([0.0, 0.0, 1.0], floor)
-    pieces = made.decompose()
-    if not pieces:
-        return None
-    return as_mesh(simplified(max(pieces, key=lambda piece: piece.volume())))
+    pieces = sorted(made.decompose(), key=lambda piece: -piece.volume())
+    return [as_mesh(simplified(piece)) for piece in pieces if piece.volume() > _CRUMB * pieces[0].volume()]
 
 
 def _surface(values: np.ndarray, grid: Grid) -> manifold3d.Manifold:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Rigid transforms X_AB as matrices (4, 4) of NumPy, for the adjustment."""
+"""Rigid transforms X_AB as matrices (4, 4) of NumPy, for adjustments and photos."""
 
 from collections.abc import Sequence
 

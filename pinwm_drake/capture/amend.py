@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: MIT
+"""Values of a YAML file that are changed in its text, so that comments and order stay."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from pinwm_drake.documents import Entry, read_yaml
+from pinwm_drake.files import replacing
+from pinwm_drake.reading.contents import guarded, read_text
+from pinwm_drake.reading.trees import MOST_YAML, parse_yaml
+
+
+def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
+    """Put values into a YAML file, by their keys from the outermost on.
+
+    The text is changed and read again. Where that gives something else, as with anchors, the file is written anew.
+
+    Args:
+        path: The file, which holds a mapping or nothing.
+        values: Plain values; a mapping takes the place of what is there.
+
+    Returns:
+        Flag: the comments are still there.
+
+    Raises:
+        InputError: The file cannot be read or written, or an entry with keys below it is no mapping.
+    """
+    text, document = read_text(path, MOST_YAML), read_yaml(path)
+    wanted = _mapping(document)
+    for keys, value in values.items():
+        _put(Entry(path, "", wanted), keys, value)
+    changed = text
+    with guarded(path, "YAML"):
+        for keys, value in values.items():
+            changed = _changed(changed, keys, value)
+    kept = _parsed(changed, path) == wanted
+    if not kept:
+        changed = yaml.safe_dump(wanted, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    with replacing(path) as temporary:
+        temporary.write_text(changed, encoding="utf-8")
+    return changed.count("#") >= text.count("#")
+
+
+def _mapping(entry: Entry) -> dict[Any, Any]:
+    """Copy of an entry that is a mapping, or nothing."""
+    if not isinstance(entry.value, dict | None):
+        raise entry.refusal("a mapping with keys")
+    return dict(entry.value or {})
+
+
+def _put(document: Entry, keys: Sequence[str], value: Any) -> None:
+    here = document
+    for key in keys[:-1]:
+        below = _mapping(Entry(here.path, f"{here.place}.{key}".lstrip("."), here.value.get(key)))
+        here.value[key] = below
+        here = Entry(here.path, f"{here.place}.{key}".lstrip("."), below)
+    here.value[keys[-1]] = value
+
+
+def _parsed(text: str, path: Path) -> Any:
+    try:
+        return parse_yaml(text, path)
+    except Exception:  # what the change made is no YAML: it is not used
+        return None
+
+
+def _changed(text: str, keys: Sequence[str], value: Any) -> str:
+    """Text of a YAML document with a value put in."""
+    node, depth, start = yaml.compose(text, Loader=yaml.SafeLoader), 0, 0
+    while isinstance(node, yaml.MappingNode) and depth < len(keys):
+        found = next((pair for pair in node.value if pair[0].value == keys[depth]), None)
+        if found is None:
+            return _inserted(text, node, keys[depth:], value)
+        node, depth, start = found[1], depth + 1, found[0].end_mark.index
+    if node is None:
+        return f"{text.rstrip()}\n{_written(_nested(keys, value))[1:-1]}\n".lstrip()
+    below = {key.value for key, _ in node.value} if isinstance(node, yaml.MappingNode) else None
+    if isinstance(value, dict) and below == value.keys():
+        for key, one in value.items():
+            text = _changed(text, [*keys, key], one)
+        return text
+    return f"{text[:start]}: {_written(_nested(keys[depth:], value))}{text[max(_end(node), start + 1) :]}"
+
+
+def _inserted(text: str, node: Any, keys: Sequence[str], value: Any) -> str:
+    """Text with a new key at the end of a mapping in brackets, or else before the first key of a mapping."""
+    entry = _written(_nested(keys, value))[1:-1]
+    if node.flow_style:
+        at = node.end_mark.index - 1
+        before = text[:at].rstrip().rstrip(",")
+        return f"{before}{', ' if node.value else ''}{entry}{text[at:]}"
+    last = node.value[-1][0].start_mark
+    return f"{text[: last.index]}{entry}\n{' ' * last.column}{text[last.index :]}"
+
+
+def _nested(keys: Sequence[str], value: Any) -> Any:
+    for key in reversed(keys):
+        value = {key: value}
+    return value
+
+
+def _written(value: Any) -> str:
+    """Text of a value on one line, in brackets where it is a mapping or list."""
+    text = yaml.safe_dump(value, sort_keys=False, default_flow_style=True, allow_unicode=True, width=10**6)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _end(node: Any) -> int:
+    """Place behind a value; what PyYAML has as the end of a block is the next token, behind comments."""
+    if isinstance(node, yaml.ScalarNode) or node.flow_style or not node.value:
+        return int(node.end_mark.index)
+    last = node.value[-1]
+    return _end(last[1] if isinstance(last, tuple) else last)
