@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: MIT
 """Values of a YAML file that are changed in its text, so that comments and order stay."""
 
+import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from pinwm_drake.documents import Entry, read_yaml
+from pinwm_drake.documents import Entry
+from pinwm_drake.errors import PinwmError
 from pinwm_drake.files import replacing
-from pinwm_drake.reading.contents import guarded, read_text
+from pinwm_drake.reading.contents import read_text
 from pinwm_drake.reading.trees import MOST_YAML, parse_yaml
 
 
@@ -19,7 +22,7 @@ def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
     The text is changed and read again. Where that gives something else, as with anchors, the file is written anew.
 
     Args:
-        path: The file, which holds a mapping or nothing.
+        path: The file, which holds a mapping or nothing, or is missing.
         values: Plain values; a mapping takes the place of what is there.
 
     Returns:
@@ -28,16 +31,15 @@ def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
     Raises:
         InputError: The file cannot be read or written, or an entry with keys below it is no mapping.
     """
-    text, document = read_text(path, MOST_YAML), read_yaml(path)
-    wanted = _mapping(document)
+    text = read_text(path, MOST_YAML) if os.path.lexists(path) else ""
+    wanted = _mapping(Entry(path, "", parse_yaml(text, path)))
     for keys, value in values.items():
         _put(Entry(path, "", wanted), keys, value)
     changed = text
-    with guarded(path, "YAML"):
+    with suppress(yaml.YAMLError, PinwmError):  # an intermediate text is none
         for keys, value in values.items():
             changed = _changed(changed, keys, value)
-    kept = _parsed(changed, path) == wanted
-    if not kept:
+    if not text.strip() or _parsed(changed, path) != wanted:
         changed = yaml.safe_dump(wanted, sort_keys=False, default_flow_style=None, allow_unicode=True)
     with replacing(path) as temporary:
         temporary.write_text(changed, encoding="utf-8")
@@ -63,7 +65,7 @@ def _put(document: Entry, keys: Sequence[str], value: Any) -> None:
 def _parsed(text: str, path: Path) -> Any:
     try:
         return parse_yaml(text, path)
-    except Exception:  # what the change made is no YAML: it is not used
+    except PinwmError:  # what the change made is no YAML: it is not used
         return None
 
 

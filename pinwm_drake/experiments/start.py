@@ -92,16 +92,22 @@ def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = No
     outlines = Outlines.of([shots[k] for k in rows], [known[k] for k in rows])
     if not outlines.shots:
         raise InputError(folder / "static", value="no mask of the object", allowed="masks; pinwm mask makes them")
-    row: int | None = None
+    place, row = seen_at(outlines, capture.floor_height + 0.5 * float(mesh.extents.min())), None
     if poses is None:
         guess = None if capture.X_WO is None else from_pose(capture.X_WO)
         found = find_start_pose(outlines, mesh, capture.floor_height, guess)
         assert found is not None
-        what, path = "the best of all resting faces and yaws", capture.mesh_path
     else:
-        found, row = _of_table(outlines, mesh, poses)
-        what, path = "the nearest of all rows, refined", poses
-    _require_fit(outlines, mesh, found, capture.floor_height, what, path, row)
+        found, row = _of_table(outlines, mesh, poses, place)
+    if found.differing > MISSES:
+        middle = _middle(mesh, found.X_WO)
+        x, y, z = 1e3 * middle
+        name, share = worst_view(outlines, mesh, found.X_WO)
+        away = 1e3 * float(np.linalg.norm(middle - place))
+        where = f"at ({x:.0f}, {y:.0f}, {z:.0f}) mm, {away:.0f} mm from the masks' place"
+        differ = f"outlines differ by {found.differing:.0%} of the object, in {name} by {share:.0%}"
+        allowed = f"{MISSES:.0%}; check unit, frame, mesh and masks"
+        raise InputError(poses or capture.mesh_path, row=row, value=f"the best pose {where}: {differ}", allowed=allowed)
     return Start(found, len(outlines.shots), capture.X_WO)
 
 
@@ -121,35 +127,21 @@ def write_pose(folder: Path, X_WO: Pose) -> bool:
     return amend(path, {("object", "X_WO"): pose})
 
 
-def _of_table(outlines: Outlines, mesh: trimesh.Trimesh, path: Path) -> tuple[StartPose, int]:
-    """Pose of a table that fits masks best, refined, and its row, of which the first is 2."""
+def _of_table(outlines: Outlines, mesh: trimesh.Trimesh, path: Path, place: np.ndarray) -> tuple[StartPose, int]:
+    """Pose of a table that fits masks best, or else is nearest to a place (3,) [m], refined; its row, from 2."""
     table = read_pose_table(path)
     candidates = [
         from_pose(Pose(torch.from_numpy(q), torch.from_numpy(p))) for p, q in zip(table.p_WO, table.q_WO, strict=True)
     ]
-    losses = [misfit(outlines, mesh, X) for X in candidates]
-    k = int(np.argmin(losses))
-    best, before = candidates[k], losses[k]
+    losses = [(misfit(outlines, mesh, X), float(np.linalg.norm(_middle(mesh, X) - place))) for X in candidates]
+    k = losses.index(min(losses))
+    best, before = candidates[k], losses[k][0]
     refined, covariance = refine(outlines, mesh, best, tilt=len(outlines.shots) > 1)
     after = misfit(outlines, mesh, refined)
     X_WO = best if after > before else refined
     return StartPose(X_WO, min(after, before), *deviations(covariance), []), k + 2
 
 
-def _require_fit(
-    outlines: Outlines, mesh: trimesh.Trimesh, found: StartPose, floor: float, what: str, path: Path, row: int | None
-) -> None:
-    """Require outlines of a mesh that lie on the masks; raise InputError that says where and how far off they are."""
-    if found.differing <= MISSES:
-        return
-    middle = found.X_WO[:3, :3] @ mesh.bounds.mean(axis=0) + found.X_WO[:3, 3]
-    x, y, z = 1e3 * middle
-    away = 1e3 * float(np.linalg.norm(middle - seen_at(outlines, floor + 0.5 * float(mesh.extents.min()))))
-    name, share = worst_view(outlines, mesh, found.X_WO)
-    raise InputError(
-        path,
-        row=row,
-        value=f"a pose, {what}, whose middle ({x:.0f}, {y:.0f}, {z:.0f}) mm is {away:.0f} mm from that of the masks; "
-        f"outlines differ by {found.differing:.0%} of the object, in {name} by {share:.0%}",
-        allowed=f"{MISSES:.0%}; check unit, frame, mesh and masks",
-    )
+def _middle(mesh: trimesh.Trimesh, X_WO: np.ndarray) -> np.ndarray:
+    """Middle (3,) [m, world] of a mesh at a pose (4, 4)."""
+    return np.asarray(X_WO[:3, :3] @ mesh.bounds.mean(axis=0) + X_WO[:3, 3])

@@ -49,7 +49,7 @@ def _walk(lab: LabFolder, record: Record, train: bool, run: bool, progress: Prog
             status = look(stage, record)
             if status.state == "missing" and stage.missing == AGAIN and train:
                 status = Status(stage, "done", notes=("left out, as a policy is asked for",))
-            if status.state in ("ready", "out of date", "failed") and run and (train or not stage.asked):
+            if status.state in ("ready", "out of date", "interrupted", "failed") and run and (train or not stage.asked):
                 status = _run(lab, stage, record, progress)
             seen.append(status)
             if status.state != "done":
@@ -83,10 +83,11 @@ def look(stage: Stage, record: Record) -> Status:
     if changed:
         state = "out of date"
     elif entry.error:
-        state = "failed"
+        state = "interrupted" if entry.error == _INTERRUPTED else "failed"
     elif not stage.made:
         state = "ready"
-    return Status(stage, state, entry.notes, entry.error, tuple(changed), entry.seconds)
+    error = entry.error if state == "failed" else ""
+    return Status(stage, state, entry.notes, error, tuple(changed), entry.seconds)
 
 
 def _run(lab: LabFolder, stage: Stage, record: Record, progress: Progress) -> Status:

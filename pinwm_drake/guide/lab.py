@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-
+from pinwm_drake.capture.amend import amend
 from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS
 from pinwm_drake.capture.static_views import TRANSFORMS, is_picture
 from pinwm_drake.documents import Document, Text, finite, read_yaml, schema_version
 from pinwm_drake.errors import InputError
-from pinwm_drake.files import prepare_folder, replacing
+from pinwm_drake.files import prepare_folder
 from pinwm_drake.station.document import STATION_FILE, Station, load_station
 from pinwm_drake.station.lab import LAB_FILE, LabDocument
 
 OBJECT_FILE, BOARD_FILE = "object.yaml", "board.pdf"
 _MESHES = (".obj", ".stl", ".ply", ".off", ".glb")
 _GRAVITY = 9.81
+_OF_PERSON = ("schema_version", "units", "gravity")  # keys that stay as they are
 
 
 class ObjectDocument(Document):
@@ -130,8 +130,11 @@ class LabFolder:
         return document
 
 
-def write_scene(lab: LabFolder) -> None:
+def write_scene(lab: LabFolder) -> bool:
     """Write what is known of object, pusher, table and station to `capture.yaml`; other keys stay.
+
+    Returns:
+        Flag: the comments of the file are still there.
 
     Raises:
         InputError: A file is refused, or there is no pusher.
@@ -144,22 +147,16 @@ def write_scene(lab: LabFolder) -> None:
         raise InputError(lab.path / LAB_FILE, value="no pusher", allowed="its shape or mesh under tool")
     mesh = None if pusher.mesh is None else str((lab.path / pusher.mesh).resolve())
     shape = None if pusher.shape is None else pusher.shape.model_dump(exclude_none=True)
-    document = {
-        "schema_version": SCHEMA_VERSION,
-        "units": dict(UNITS),
-        "gravity": _GRAVITY,
-        **before,
-        "object": {
-            **before.get("object", {}),
-            "name": about.name,
-            "mesh": lab.mesh.relative_to(lab.capture).as_posix(),
-            "mass": about.mass,
-        },
-        "pusher": {"mesh": mesh, "shape": shape},
-        "floor": {"height": station.document.world.table.height},
-        "station": station.sha256,
+    about_object = {"name": about.name, "mesh": lab.mesh.relative_to(lab.capture).as_posix(), "mass": about.mass}
+    values: dict[tuple[str, ...], Any] = {
+        ("schema_version",): SCHEMA_VERSION,
+        ("units",): dict(UNITS),
+        ("gravity",): _GRAVITY,
+        **{("object", key): value for key, value in about_object.items()},
+        ("pusher",): {"mesh": mesh, "shape": shape},
+        ("floor",): {"height": station.document.world.table.height},
+        ("station",): station.sha256,
     }
+    values = {keys: value for keys, value in values.items() if keys[0] not in _OF_PERSON or keys[0] not in before}
     prepare_folder(lab.capture)
-    with replacing(lab.scene) as temporary:
-        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-        temporary.write_text(text, encoding="utf-8")
+    return amend(lab.scene, values)

@@ -72,8 +72,7 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
 
 def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Write the scene of the lab to `capture.yaml`."""
-    write_scene(lab)
-    return []
+    return _told(write_scene(lab))
 
 
 def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -98,7 +97,7 @@ def run_pose(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     found = start_pose(lab.capture)
     kept = write_pose(lab.capture, found.X_WO)
     progress("pose at the start", 1.0, "")
-    return found.words() + ([] if kept else ["doubtful: comments of capture.yaml are gone"])
+    return found.words() + _told(kept)
 
 
 def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -227,6 +226,10 @@ def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )
     return [f"trained: {policy.provenance.get('created', '')}"]
+
+
+def _told(kept: bool) -> list[str]:
+    return [] if kept else ["doubtful: comments of capture.yaml are gone"]
 
 
 def _few(lines: list[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from pinwm_drake.guide.stages import ACTS, Stage
 
-State = Literal["done", "ready", "missing", "out of date", "failed"]
+State = Literal["done", "ready", "missing", "out of date", "interrupted", "failed"]
 
 
 @dataclass(frozen=True)

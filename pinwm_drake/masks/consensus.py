@@ -2,7 +2,7 @@
 """Masks of a thing on a table without a mesh: what differs from the table, agrees in all photos, and has an edge."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -39,6 +39,7 @@ class Consensus:
         outlines: (h, w) bool of each: where the hull is.
         points: (n, 3) m, world: points of the hull.
         voxel: m, between them.
+        apart: Points (n, 3) [m] of the parts that the hull falls into where every photo is right, the largest first.
         rivals: Size of every other part that the photos agree on, as a share of the hull, and its middle (3,) [m].
         earlier: The masks of each round before: what differs from the table, and what GrabCut first made of it.
     """
@@ -47,6 +48,7 @@ class Consensus:
     outlines: list[np.ndarray]
     points: np.ndarray
     voxel: float
+    apart: list[np.ndarray]
     rivals: list[tuple[float, np.ndarray]]
     earlier: list[list[np.ndarray]]
 
@@ -89,17 +91,20 @@ def consensus(
         if found is None and segmenter is None:  # what the other photos do not show says nothing
             for k in set(range(len(masks))) - known.keys():
                 votes[k] = np.where(differences[k] >= plane.UNSEEN, np.float32(-1), masks[k])
-        points, rivals = _hull(votes, projections, grid, misses, middle)
+        points, rivals = _hull(votes, projections, grid, misses, middle, sorted(known))
         if found is not None and len(points) < _KEPT * len(found.points):
             break
-        outlines, earlier = [_outline(shot, points, grid.voxel) for shot in shots], [*earlier, masks]
+        outlines, earlier = [outline_of(shot, points, grid.voxel) for shot in shots], [*earlier, masks]
         if segmenter is not None:
             masks = [mask & grown(hull, 2 * _NEAR) for mask, hull in zip(masks, outlines, strict=True)]
         else:
             masks = _cut(shots, masks, outlines, differences, least, known, found is None)
-        found = Consensus(masks, outlines, points, grid.voxel, rivals if found is None else found.rivals, earlier)
+        found = Consensus(masks, outlines, points, grid.voxel, [], rivals if found is None else found.rivals, earlier)
     assert found is not None
-    return found
+    sharp = list(found.masks)
+    for k in range(len(differences)):
+        sharp[k] = sharp[k] if k in known else sharp[k] & (differences[k] > least)  # without the closing of gaps
+    return replace(found, apart=_apart(sharp, projections, found.points, grid.voxel))
 
 
 def _cut(
@@ -133,10 +138,15 @@ def _hull(
     grid: Grid,
     misses: Sequence[int],
     middle: np.ndarray,
+    known: Sequence[int],
 ) -> tuple[np.ndarray, list[tuple[float, np.ndarray]]]:
-    """Points of the part of the hull that is large and near the middle, and the other parts; see `Consensus`."""
+    """Points of the part of the hull that is large and near the middle, and the other parts; see `Consensus`.
+
+    Nothing is outside of the masks of the photos in `known`.
+    """
+    sure = carve([masks[k] for k in known], [projections[k] for k in known], grid, 0, 0.0)
     for allowed in misses:
-        flags = carve(masks, projections, grid, round(allowed * len(masks) / _OF))
+        flags = carve(masks, projections, grid, round(allowed * len(masks) / _OF)) & sure
         if flags.any():
             break
     labels, sizes = parts(flags)
@@ -144,6 +154,8 @@ def _hull(
         return np.zeros((0, 3)), []
     stands = np.isin(np.arange(1, len(sizes) + 1), labels[:, :, :_LOWEST])  # what hovers is no thing on a table
     sizes = np.where(stands, sizes, 0)
+    if not sizes.any():
+        return np.zeros((0, 3)), []
     points, labels = grid.points(), labels.ravel()
     middles = np.array([points[labels == k + 1].mean(axis=0) for k in range(len(sizes))])
     reach = _BEYOND * 0.5 * grid.voxel * _VOXELS
@@ -152,7 +164,7 @@ def _hull(
     return points[labels == best + 1].astype(float), rivals
 
 
-def _outline(shot: CloseUp, points: np.ndarray, voxel: float) -> np.ndarray:
+def outline_of(shot: CloseUp, points: np.ndarray, voxel: float) -> np.ndarray:
     """Where the points of a hull are seen, (h, w) bool: each is a square as large as a voxel looks."""
     seen = np.zeros(shot.shape, bool)
     if not len(points):
@@ -162,6 +174,19 @@ def _outline(shot: CloseUp, points: np.ndarray, voxel: float) -> np.ndarray:
     at = at[(at >= 0).all(axis=1) & (at < shot.shape[::-1]).all(axis=1)]
     seen[at[:, 1], at[:, 0]] = True
     return grown(seen, int(0.5 * voxel * shot.K[0, 0] / np.median(depths) + 1))
+
+
+def _apart(
+    masks: Sequence[np.ndarray], projections: Sequence[np.ndarray], points: np.ndarray, voxel: float
+) -> list[np.ndarray]:
+    """Points (n, 3) [m] of the parts of a hull that no mask (h, w) bool cuts, the largest first."""
+    rows = [k for k, mask in enumerate(masks) if mask.any()]
+    if not len(points) or not rows:
+        return []
+    grid = Grid.between(points.min(axis=0), points.max(axis=0), voxel)
+    flags = carve([masks[k] for k in rows], [projections[k] for k in rows], grid, 0)
+    labels, sizes = parts(flags, corners=False)
+    return [grid.points()[labels.ravel() == k + 1].astype(float) for k in np.argsort(-sizes, kind="stable")]
 
 
 def _cleaned(mask: np.ndarray) -> np.ndarray:

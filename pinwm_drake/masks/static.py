@@ -9,14 +9,15 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.masks.colours import evidence, histogram
-from pinwm_drake.masks.consensus import Consensus, Segmenter, consensus
+from pinwm_drake.masks.consensus import Consensus, Segmenter, consensus, outline_of
 from pinwm_drake.masks.grabcut import grown
 from pinwm_drake.masks.outline import edge_strength, mesh_mask, settle
 from pinwm_drake.masks.shots import CloseUp, Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose, misfit
 
 FEWEST = 6  # photos, without which nothing tells object from table
-_LEAST, _REACH = 0.1, 0.31  # least and largest radius of the ball in which the object is looked for, of the distance of the cameras
+# Least and largest radius of the ball in which the object is looked for, of the distance of the cameras.
+_LEAST, _REACH = 0.1, 0.31
 _LONGEST = 320  # px, of the boxes that are worked on
 _ROOM = 0.35  # of the radius of a mesh, around it
 _FITS = 0.15  # share of differing pixels up to which the outlines of a mesh lie on the masks
@@ -24,6 +25,8 @@ _SHOWN = 0.6  # share of the object's place that has to differ from the table
 _LIKE, _RING = 0.5, (4, 25)  # of the median photo: share of the object's colours; px, of the ring around its place
 _SCALE, _MIRRORED = 3.0, 0.6  # ratio of sizes of two units; of the misfit, that of a mirrored mesh that is right
 _RIVAL = 0.3  # of the hull: size of a second thing
+_NAMED = 3  # views of one doubt
+_REMEDY = "take it away, or paint the mask of a photo that shows all of the object"
 _CUT_OFF = 3  # px of a mask along the border of a photo
 _NARROW = 16  # px, of a box in which nothing can be told
 
@@ -96,7 +99,7 @@ def find_masks(
                 masks[k] = close.pasted(mesh_mask(close, mesh, pose.X_WO))
         doubts += _doubts_of_mesh(Outlines.of(shots, plain), mesh, floor, pose, found)
     masks = [known.get(k, mask) for k, mask in enumerate(masks)]
-    doubts += _doubts_of_all(found)
+    doubts += _doubts_of_all(found, seen)
     places = found.outlines if pose is None else [shot.cut(masks[k]) for k, shot in zip(rows, seen, strict=True)]
     alike = _alike(seen, found.masks, places)
     for k, first, place, like in zip(rows, found.earlier[0], places, alike, strict=True):
@@ -126,14 +129,23 @@ def _posed(
     return StartPose(best, misfit(Outlines.of(shots, found.masks), mesh, best), nearest.place, nearest.turn, [])
 
 
-def _doubts_of_all(found: Consensus) -> list[tuple[str, str]]:
+def _doubts_of_all(found: Consensus, shots: Sequence[CloseUp]) -> list[tuple[str, str]]:
     if not len(found.points):
         return [("", "the photos agree on no thing on the table; check poses, floor.height and --size")]
     doubts = []
     for share, (x, y, _) in found.rivals:
         if share > _RIVAL:
             where = f"({1e3 * x:.0f}, {1e3 * y:.0f}) mm"
-            doubts.append(("", f"a second thing stands at {where}, {share:.0%} as large as the one that was cut out"))
+            doubts.append(("", f"a second thing stands at {where}, {share:.0%} as large as the one cut out: {_REMEDY}"))
+    if len(found.apart) > 1 and len(found.apart[1]) > _RIVAL * len(found.apart[0]):
+        first, second = found.apart[:2]
+        x, y, _ = 1e3 * second.mean(axis=0)
+        sides = [[outline_of(shot, points, found.voxel) for points in (first, second)] for shot in shots]
+        gap = [shot.name for shot, (one, other) in zip(shots, sides, strict=True) if not (one & other).any()]
+        named = f", apart in {', '.join(gap[:_NAMED])}" if gap else ""
+        share = len(second) / len(first)
+        text = f"masks hold two things{named}; one is at ({x:.0f}, {y:.0f}) mm, {share:.0%} as large as the other"
+        doubts.append(("", f"{text}: {_REMEDY}"))
     return doubts
 
 
@@ -153,7 +165,7 @@ def _doubts_of_mesh(
         if other is not None and other.differing < _MIRRORED * pose.differing and other.differing < _FITS:
             return [("", f"the mirrored mesh fits ({other.differing:.0%} differ, not {pose.differing:.0%}): mirror it")]
         text = f"outlines of the mesh and colours differ by {pose.differing:.0%} of the object"
-        doubts.append(("", f"{text}: another object, or one of the colours of the table"))
+        doubts.append(("", f"{text}: another object, a second one beside it, or the table's colours"))
     if pose.rivals:
         doubts.append(("", f"{len(pose.rivals)} other poses of the mesh fit nearly as well: look at the pictures"))
     return doubts

@@ -128,3 +128,36 @@ def test_a_surface_that_cannot_be_closed_is_refused(tmp_path):
     trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]], process=False).export(tmp_path / "leaf.stl")
     with pytest.raises(InputError, match="leaf"):
         read_repaired(tmp_path / "leaf.stl")
+
+
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ("1e300 0 0", "a coordinate of 1e\\+300"),
+        ("1e12 0 0", "allowed: finite coordinates up to 1e\\+09"),
+        ("0 0 0", "corners in one point"),
+    ],
+)
+def test_sizes_without_sense_are_refused_in_a_line(tmp_path, corners, words):
+    text = "".join(f"v {corner}\n" for corner in ("0 0 0", corners, "0 0 0", "0 0 0"))
+    (tmp_path / "a.obj").write_text(f"{text}f 1 2 3\nf 1 3 4\nf 1 4 2\nf 2 4 3\n")
+    with pytest.raises(InputError, match=words):
+        read_repaired(tmp_path / "a.obj")
+
+
+def test_an_open_surface_of_an_odd_number_of_triangles_does_not_end_the_process(tmp_path):
+    faces = [[6, 7, 5], [2, 4, 0], [1, 7, 3], [5, 1, 4], [5, 7, 1], [3, 7, 2], [6, 4, 2], [2, 7, 6], [5, 2, 2]]
+    trimesh.Trimesh(trimesh.creation.box().vertices, faces, process=False).export(tmp_path / "a.obj")
+    with pytest.raises(InputError, match="a surface that is open"):
+        read_repaired(tmp_path / "a.obj")
+
+
+def test_every_piece_of_a_hull_is_there_and_the_largest_comes_first():
+    views, places = shots(), [pose(-0.05, 0.0, 0.0), pose(0.05, 0.0, 0.0)]
+    boxes = [trimesh.creation.box((0.05, 0.05, 0.045)), trimesh.creation.box((0.02, 0.02, 0.045))]
+    masks = [shot.outline(boxes[0], places[0]) | shot.outline(boxes[1], places[1]) for shot in views]
+    points = np.array([[x, y, z] for x in (-0.08, 0.07) for y in (-0.03, 0.03) for z in (0.0, 0.05)])
+    large, small = hull_meshes(masks, [shot.P for shot in views], points, VOXEL, 0.0)
+    np.testing.assert_allclose(large.bounds.mean(axis=0)[:2], [-0.05, 0.0], atol=2e-3)
+    np.testing.assert_allclose(small.bounds.mean(axis=0)[:2], [0.05, 0.0], atol=2e-3)
+    assert small.volume < 0.3 * large.volume

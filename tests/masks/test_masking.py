@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+import yaml
 
+from pinwm_drake.capture.episode_tables import PusherTrajectory
 from pinwm_drake.capture.static_views import read_views
+from pinwm_drake.capture.write import write_episode_tables
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import mask_capture
 from pinwm_drake.masks.segmenter import OnnxSegmenter
 from pinwm_drake.masks.shots import Shot
+from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.spatial.rigid import to_pose
 from tests.masks.scenes import BLUE, FOCAL, SIZE, block, cameras, iou, photo, pose, write_photos
 
 
@@ -59,6 +64,23 @@ def tower():
     return trimesh.boolean.union([block(), top], engine="manifold")
 
 
+def two_boxes(gap):
+    """Boxes of 50 mm side by side along x."""
+    box, places = trimesh.creation.box((0.05, 0.05, 0.045)), [np.eye(4), np.eye(4)]
+    for X, side in zip(places, (-1, 1), strict=True):
+        X[:3, 3] = side * 0.5 * (0.05 + gap), 0, 0.0225
+    return [(box, places[0], BLUE), (box, places[1], np.array([60.0, 150, 70]))]
+
+
+def test_the_painted_mask_of_one_photo_tells_two_things_apart(tmp_path):
+    labels = write_photos(tmp_path, two_boxes(0.01))
+    (tmp_path / "static/masks").mkdir()
+    cv2.imwrite(str(tmp_path / "static/masks/002.png"), 255 * labels[2].astype(np.uint8))  # seen from the side
+    assert not any("two things" in reason for _, reason in mask_capture(tmp_path).doubts)
+    overlaps = [iou(mask, label) for mask, label in zip(masks_of(tmp_path), labels, strict=True)]
+    assert np.median(overlaps) > 0.93
+
+
 @pytest.mark.parametrize(
     ("case", "words"),
     [
@@ -68,12 +90,16 @@ def tower():
         ("another unit", "in another unit"),
         ("swapped", "another object"),
         ("mirrored", "the mirrored mesh fits"),
+        ("two things", "masks hold two things, apart in images/00"),
+        ("two things far apart", "a second thing stands at (5"),
     ],
 )
 def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):
     views, mesh, things = cameras(), None, [(block(), pose(), BLUE)]
     if case == "moved":
         things = [things if k < 7 else [(block(), pose(0.06, 0.05), BLUE)] for k in range(10)]
+    if case.startswith("two things"):
+        things = two_boxes(0.055 if "far" in case else 0.03)
     if case == "cut off":
         views[4][:3, 3] += 0.13 * views[4][:3, 0]
     if case == "mirrored":
@@ -134,3 +160,62 @@ def test_too_few_views_are_refused(tmp_path):
     write_photos(tmp_path, views=cameras(4))
     with pytest.raises(InputError, match="4 views"):
         mask_capture(tmp_path)
+
+
+def write_push(folder, name, X_WO, images=True):
+    """Episode of the block at a pose, which a pusher comes near; returns where it is in the images."""
+    episode, X_WC = folder / "episodes" / name, cameras()[1]
+    t = 0.1 * np.arange(3)
+    p_WP = np.stack([0.2 - 0.01 * np.arange(3), np.zeros(3), np.full(3, 0.03)], -1)
+    log = PusherTrajectory(t, p_WP, np.tile([1.0, 0, 0, 0], (3, 1)), np.zeros((3, 3)), None)
+    labels, names = [], [f"rgb/{k}.png" for k in range(3)]
+    (episode / "rgb").mkdir(parents=True)
+    camera = Camera(SIZE, SIZE, torch.tensor([FOCAL, FOCAL, SIZE / 2, SIZE / 2], dtype=torch.float64))
+    write_episode_tables(episode, camera, to_pose(X_WC), names, t, log, None)
+    if not images:
+        for one in ("camera.json", "frames.csv"):
+            (episode / one).unlink()
+    for k in range(3):
+        image, label = photo(X_WC, [(block(), X_WO, BLUE)], seed=20 + k)
+        cv2.imwrite(str(episode / names[k]), image[..., ::-1])
+        labels.append(label == 1)
+    return labels
+
+
+@pytest.mark.parametrize("with_mesh", [True, False])
+def test_pushes_start_where_their_start_yaml_says_and_may_have_no_film(tmp_path, with_mesh):
+    write_photos(tmp_path, mesh=block())
+    X, start = pose(), pose(-0.05, 0.04, 0.1)
+    scene = {"object": {"name": "block", "mesh": "meshes/object.obj", "X_WO": document(X)}, "schema_version": 1}
+    scene["pusher"] = {"shape": {"kind": "sphere", "radius": 0.01}}
+    (tmp_path / "capture.yaml").write_text(yaml.safe_dump(scene))
+    labels = write_push(tmp_path, "0000", start)
+    (tmp_path / "episodes/0000/start.yaml").write_text(yaml.safe_dump({"X_WO": document(start)}))
+    write_push(tmp_path, "0001", X, images=False)
+    found = mask_capture(tmp_path, use_mesh=with_mesh)
+    assert ("episodes/0001", "no film, and so no masks") in found.doubts
+    masks = [cv2.imread(str(tmp_path / f"episodes/0000/masks/{k}.png"), 0) > 127 for k in range(3)]
+    assert min(iou(mask, label) for mask, label in zip(masks, labels, strict=True)) > (0.9 if with_mesh else 0.85)
+    if not with_mesh:
+        del scene["object"]["X_WO"]
+        (tmp_path / "capture.yaml").write_text(yaml.safe_dump(scene))
+        doubts = dict(mask_capture(tmp_path, use_mesh=False).doubts)
+        assert "needs a mesh, or object.X_WO" in doubts["episodes/0000"]
+
+
+def document(X):
+    """Pose of a document from a matrix (4, 4)."""
+    found = to_pose(X)
+    return {"p": found.p.tolist(), "q": found.q.tolist()}
+
+
+def test_a_size_is_obeyed_or_told(tmp_path, pinwm):
+    write_photos(tmp_path, mesh=block())
+    code, _, errors = pinwm("mask", str(tmp_path), "--size", "0.1")
+    assert code == 1
+    assert "--size: got 0.1 and a mesh" in errors
+    found = mask_capture(tmp_path, use_mesh=False, size=0.1)
+    assert not any("--size" in reason for _, reason in found.doubts)
+    found = mask_capture(tmp_path, use_mesh=False, size=2.0)
+    words = "--size is 2 m, and the cameras' distance of 0.40 m allows 0.040 to 0.124 m: 0.124 m was taken"
+    assert ("static", words) in found.doubts

@@ -9,9 +9,12 @@ import numpy as np
 import trimesh
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.reading.contents import guarded
 from pinwm_drake.reading.mesh_objects import read_objects
 
 MOST_TRIANGLES = 2000
+_ALLOWED = "a surface whose holes have simple rims; close it in a mesh editor"
+_LARGEST, _SMALLEST = 1e9, 1e-9  # of coordinates in any unit; of a surface, of the largest of them
 _UNITS = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "inches": 0.0254}
 _PLAUSIBLE = 0.01, 1.0  # m, of things that are pushed on a table
 _FIRST, _GROWTH, _COARSEST = 1e-4, 1.5, 0.02  # of the diagonal: tolerances of simplification
@@ -34,18 +37,21 @@ def read_repaired(path: Path, extent: float | None = None) -> tuple[trimesh.Trim
     parts = [trimesh.Trimesh(vertices, faces, process=False) for vertices, faces in objects.values()]
     mesh = trimesh.util.concatenate(parts)
     assert isinstance(mesh, trimesh.Trimesh)
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError(path, value="a coordinate that is not finite", allowed="finite coordinates")
+    largest = float(np.abs(mesh.vertices).max())
+    if not largest <= _LARGEST:  # NaN too
+        raise InputError(path, value=f"a coordinate of {largest:g}", allowed=f"finite coordinates up to {_LARGEST:g}")
+    if not mesh.extents.max() > _SMALLEST * largest:
+        raise InputError(path, value="corners in one point", allowed="a surface, not far from its origin")
     unit = guess_unit(float(np.linalg.norm(mesh.extents)), extent)
     done = [] if unit == "m" else [f"read in {unit}: scaled by {_UNITS[unit]:g}"]
     mesh.apply_scale(_UNITS[unit])
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), guarded(path, _ALLOWED):
         warnings.simplefilter("ignore", RuntimeWarning)
         mesh, more = _closed(mesh)
-    made = as_manifold(mesh)
+        made = as_manifold(mesh)
     if made is None or made.volume() <= 0:
         found = f"a surface that is open at {_open_edges(mesh)} edges, or crosses itself"
-        raise InputError(path, value=found, allowed="a surface whose holes have simple rims; close it in a mesh editor")
+        raise InputError(path, value=found, allowed=_ALLOWED)
     few = simplified(made)
     if few.num_tri() < made.num_tri():
         more.append(f"{made.num_tri()} triangles became {few.num_tri()}")
@@ -129,6 +135,10 @@ def simplified(made: manifold3d.Manifold, most: int = MOST_TRIANGLES) -> manifol
 
 def as_manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
     """Solid with a surface [m]; None where that is no surface of a solid."""
+    a, b = np.asarray(mesh.edges, np.int64).T
+    there, back = a * len(mesh.vertices) + b, b * len(mesh.vertices) + a
+    if not np.array_equal(np.sort(there), np.sort(back)):  # manifold3d 3.5 ends the process for an odd number of edges
+        return None
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     made = manifold3d.Manifold(manifold3d.Mesh64(vertices, np.ascontiguousarray(mesh.faces, np.uint64)))
     return made if made.status() == manifold3d.Error.NoError and made.num_tri() > 0 else None

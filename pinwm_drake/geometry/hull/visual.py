@@ -87,9 +87,12 @@ def carve(
     return ((votes >= seen - misses) & (seen >= least_seen * len(masks))).reshape(grid.shape)
 
 
-def parts(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (shape of `flags`) of connected parts, from 1, and the number of points in each (k,)."""
-    labels, _ = ndimage.label(flags, np.ones((3, 3, 3)))
+def parts(flags: np.ndarray, *, corners: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (shape of `flags`) of connected parts, from 1, and the number of points in each (k,).
+
+    Points are connected along the axes and, where `corners` says so, along all diagonals.
+    """
+    labels, _ = ndimage.label(flags, np.ones((3, 3, 3)) if corners else None)
     return labels, np.bincount(labels.ravel())[1:]
 
 
