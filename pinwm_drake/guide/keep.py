@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""What a person made in the folder of an episode that is made anew: masks, starts, poses, files that were edited."""
+"""What a person made in an episode or mesh that is made anew: masks, starts, poses, files that were edited."""
 
 import hashlib
 import json
@@ -13,7 +13,7 @@ from pinwm_drake.experiments.masking import RECORD
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.reading.contents import read_bytes
 
-MADE = ".made.json"  # in the folder of an episode: SHA-256 of each file as `pinwm lab` wrote it
+MADE = ".made.json"  # in the folder of an episode or mesh: SHA-256 of each file as `pinwm lab` wrote it
 _MASKS = "masks"
 
 
@@ -31,8 +31,7 @@ def keep(before: Path, now: Path) -> list[str]:
         Names of files that have no place in the new folder.
     """
     new, old, made = _hashes(now), _hashes(before), _recorded(before / MADE)
-    with replacing(now / MADE) as temporary:
-        temporary.write_text(json.dumps(new, indent=1) + "\n", encoding="utf-8")
+    _record(now / MADE, new)
     masked = {f"{_MASKS}/{name}": sha for name, sha in _recorded(before / _MASKS / RECORD).items()}
     left = []
     for name, sha in old.items():
@@ -45,6 +44,27 @@ def keep(before: Path, now: Path) -> list[str]:
         else:
             left.append(name)
     return left
+
+
+def put_in_place(new: Path, path: Path, aside: Path) -> bool:
+    """Give a file that was just made its name, and record it.
+
+    Args:
+        new: The file, in the folder of `path`.
+        path: Its name.
+        aside: New name of an earlier file that a person made or edited.
+
+    Returns:
+        Flag: there was such a file.
+    """
+    made, sha = _recorded(path.parent / MADE), _hash(new)
+    kept = path.is_file() and _hash(path) not in (sha, made.get(path.name))
+    if kept:
+        prepare_folder(aside.parent)
+        path.replace(aside)
+    new.replace(path)
+    _record(path.parent / MADE, {**made, path.name: sha})
+    return kept
 
 
 def _bases(name: str, made: Sequence[str], old: Sequence[str]) -> list[str]:
@@ -61,7 +81,16 @@ def _hashes(folder: Path) -> dict[str, str]:
     """SHA-256 of the files below a folder, but for hidden ones, by their names; none where there is no folder."""
     names = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")) if path.is_file()]
     shown = [name for name in names if not any(part.startswith(".") for part in name.split("/"))]
-    return {name: hashlib.sha256(read_bytes(folder / name)).hexdigest() for name in shown}
+    return {name: _hash(folder / name) for name in shown}
+
+
+def _hash(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+def _record(path: Path, made: dict[str, str]) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
 
 
 def _recorded(path: Path) -> dict[str, str]:

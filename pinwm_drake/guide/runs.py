@@ -28,7 +28,7 @@ from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.start import start_pose, write_pose
 from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import occupying, prepare_folder
-from pinwm_drake.guide.keep import keep
+from pinwm_drake.guide.keep import keep, put_in_place
 from pinwm_drake.guide.lab import LabFolder, write_scene
 from pinwm_drake.station.calibrate import calibrate
 from pinwm_drake.station.episode import Sources, add_episode
@@ -66,8 +66,8 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
         for path in {frame.image_path for frame in before} - now:
             if path.parent == lab.static / "images":
                 path.unlink(missing_ok=True)
-    left = [f"left out: {name}: no board in it, or fewer than 8 of its corners" for name in found.left_out]
-    return [f"{len(found.names)} photos; corners are {found.noise:.2f} px off on each axis", *left]
+    left = [f"doubtful: a photo is left out, {name}: fewer than 8 corners of the board" for name in found.left_out]
+    return _few([f"{len(found.names)} photos; corners are {found.noise:.2f} px off on each axis", *left])
 
 
 def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -83,8 +83,11 @@ def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[
 def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Make the mesh; of a file, the masks are then put where its outlines are."""
     progress("mesh", 0.0, "")
-    found = make_mesh(lab.capture, source=lab.cad, out=lab.mesh, replace=True)
+    new, aside = lab.mesh.with_name(f".{lab.mesh.name}"), _free(lab.capture / REPLACED / lab.mesh.name)
+    found = make_mesh(lab.capture, source=lab.cad, out=new, replace=True)
     notes = found.words()
+    if put_in_place(new, lab.mesh, aside):
+        notes.append(f"doubtful: the mesh that was there was edited or brought: it is now {aside}")
     progress("mesh", 1.0, notes[0])
     if found.kind == "file":
         notes += _few(mask_capture(lab.capture, pushes=False, progress=progress).words())
@@ -146,8 +149,9 @@ def run_push(push: Path, lab: LabFolder, progress: Progress, resume: bool = Fals
 
 
 def _free(path: Path) -> Path:
-    """Path with a number behind it that nothing has yet."""
-    return next(one for k in itertools.count(1) if not os.path.lexists(one := path.with_name(f"{path.name}-{k}")))
+    """Path with a number in its name that nothing has yet."""
+    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(1))
+    return next(one for one in names if not os.path.lexists(one))
 
 
 def push_files(push: Path) -> tuple[Path, Path | None, Path | None]:

@@ -157,7 +157,7 @@ def misfit(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> float
 
 
 def worst_view(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> tuple[str, float]:
-    """Name of the photo in which a mesh's outline fits its mask worst, and the share of pixels that differ there."""
+    """Photo in which a mesh's outline at X_WO (4, 4) fits its mask worst, and the share of pixels that differ there."""
     differing = _differing(outlines, mesh, X_WO)
     shares = [number / int(mask.sum()) for number, mask in zip(differing, outlines.masks, strict=True)]
     k = int(np.argmax(shares))
@@ -264,7 +264,7 @@ def seen_at(outlines: Outlines, height: float) -> np.ndarray:
 
 
 def deviations(covariance: np.ndarray) -> tuple[float, float]:
-    """Largest standard deviations of place [m] and turn [rad]."""
+    """Largest standard deviations of place [m] and turn [rad], from the covariance (n, n) of `refine`."""
     if not np.isfinite(covariance).all():
         return np.inf, np.inf
     half = 3 if len(covariance) == 6 else 2

@@ -11,6 +11,7 @@ import pytest
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import Masked
 from pinwm_drake.guide import runs
+from pinwm_drake.guide.keep import put_in_place
 from pinwm_drake.guide.lab import LabFolder
 from pinwm_drake.guide.runs import REPLACED, run_push
 from pinwm_drake.station.episode import Sources, add_episode
@@ -90,3 +91,23 @@ def test_what_belongs_to_other_images_stays_beside(lab, push):
     assert (kept / "masks/00003.png").read_bytes() == painted
     assert not (episode / "masks/00003.png").exists()
     assert (kept / "notes.txt").read_text() == "mine"
+
+
+def test_a_mesh_that_a_person_edited_goes_aside(tmp_path):
+    new, path, aside = tmp_path / "meshes/.object.obj", tmp_path / "meshes/object.obj", tmp_path / "replaced/object.obj"
+    new.parent.mkdir()
+
+    def made(text) -> bool:
+        new.write_text(text)
+        return put_in_place(new, path, aside)
+
+    assert not made("first")
+    assert not made("second")  # the program's own is replaced
+    path.write_text("edited")
+    assert made("third")
+    assert (path.read_text(), aside.read_text()) == ("third", "edited")
+    assert not made("fourth")
+    path.write_text("fifth")
+    assert not made("fifth")  # the same
+    assert aside.read_text() == "edited"
+    assert not new.exists()
