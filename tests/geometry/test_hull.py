@@ -10,21 +10,37 @@ from pinwm_drake.geometry.hull.surface import hull_meshes
 from pinwm_drake.geometry.hull.visual import Grid, carve
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.shots import Shot
-from tests.masks.scenes import block, cameras, pose
+from tests.masks.scenes import FOCAL, SIZE, block, cameras, pose
 
-SIZE, FOCAL = 200, 300.0
 VOXEL = 0.004
+VIEWS = cameras(10, 35.0) + cameras(6, 8.0)
 
 
 def shots():
     K = np.array([[FOCAL, 0, SIZE / 2 - 0.5], [0, FOCAL, SIZE / 2 - 0.5], [0, 0, 1]])
-    views = cameras(10, 35.0) + cameras(6, 8.0)
-    return [Shot(str(k), np.zeros((SIZE, SIZE, 3), np.uint8), K, np.linalg.inv(X)) for k, X in enumerate(views)]
+    return [Shot(str(k), np.zeros((SIZE, SIZE, 3), np.uint8), K, np.linalg.inv(X)) for k, X in enumerate(VIEWS)]
+
+
+def drawn(*things, views=VIEWS):
+    """Masks of meshes at poses: middles of pixels in projected triangles, by NumPy and not by the package."""
+    masks, middles = [], np.arange(SIZE) + 0.5
+    for X_WC in views:
+        mask = np.zeros((SIZE, SIZE), bool)
+        for mesh, X_WO in things:
+            p_C = (mesh.vertices @ X_WO[:3, :3].T + X_WO[:3, 3] - X_WC[:3, 3]) @ X_WC[:3, :3]
+            corners = p_C[:, :2] / p_C[:, 2:] * FOCAL + SIZE / 2
+            for a, b, c in corners[mesh.faces]:
+                sides = [
+                    (q - p)[0] * (middles[:, None] - p[1]) - (q - p)[1] * (middles - p[0])
+                    for p, q in ((a, b), (b, c), (c, a))
+                ]
+                mask |= (np.min(sides, axis=0) >= 0) | (np.max(sides, axis=0) <= 0)
+        masks.append(mask)
+    return masks
 
 
 def hull(mesh, depths=None):
-    views = shots()
-    masks, projections = [shot.outline(mesh, pose()) for shot in views], [shot.P for shot in views]
+    masks, projections = drawn((mesh, pose())), [shot.P for shot in shots()]
     grid = Grid.between(np.array([-0.1, -0.1, 0.0]), np.array([0.1, 0.1, 0.1]), VOXEL)
     points = grid.points()[carve(masks, projections, grid, 0).ravel()].astype(float)
     (found,) = hull_meshes(masks, projections, points, VOXEL, 0.0, depths)
@@ -155,7 +171,7 @@ def test_an_open_surface_of_an_odd_number_of_triangles_does_not_end_the_process(
 def test_every_piece_of_a_hull_is_there_and_the_largest_comes_first():
     views, places = shots(), [pose(-0.05, 0.0, 0.0), pose(0.05, 0.0, 0.0)]
     boxes = [trimesh.creation.box((0.05, 0.05, 0.045)), trimesh.creation.box((0.02, 0.02, 0.045))]
-    masks = [shot.outline(boxes[0], places[0]) | shot.outline(boxes[1], places[1]) for shot in views]
+    masks = drawn(*zip(boxes, places, strict=True))
     points = np.array([[x, y, z] for x in (-0.08, 0.07) for y in (-0.03, 0.03) for z in (0.0, 0.05)])
     large, small = hull_meshes(masks, [shot.P for shot in views], points, VOXEL, 0.0)
     np.testing.assert_allclose(large.bounds.mean(axis=0)[:2], [-0.05, 0.0], atol=2e-3)

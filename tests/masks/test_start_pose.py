@@ -13,7 +13,7 @@ from pinwm_drake.experiments.meshing import read_depths
 from pinwm_drake.experiments.start import start_pose
 from pinwm_drake.masks.start_pose import Outlines, find_start_pose, resting_faces
 from pinwm_drake.spatial.poses import pose_to_matrix
-from tests.geometry.test_hull import shots
+from tests.geometry.test_hull import VIEWS, drawn, shots
 from tests.masks.scenes import block, cameras, pose, write_photos
 
 
@@ -27,8 +27,7 @@ def test_a_pose_is_found_on_any_face_without_a_guess(roll):
     mesh, X = block(), pose()
     X[:3, :3] = X[:3, :3] @ Rotation.from_rotvec([roll, 0, 0]).as_matrix()
     X[2, 3] -= (mesh.vertices @ X[2, :3]).min() + X[2, 3]
-    views = shots()[:10]
-    found = find_start_pose(Outlines.of(views, [shot.outline(mesh, X) for shot in views]), mesh, 0.0)
+    found = find_start_pose(Outlines.of(shots()[:10], drawn((mesh, X), views=VIEWS[:10])), mesh, 0.0)
     place, turn = apart(found.X_WO, X)
     assert place < 1.0  # the bar of the issue
     assert turn < 1.0
@@ -37,8 +36,8 @@ def test_a_pose_is_found_on_any_face_without_a_guess(roll):
 
 
 def test_one_camera_gives_a_pose_with_a_larger_doubt():
-    mesh, views = block(), shots()[:10]
-    outlines = Outlines.of(views, [shot.outline(mesh, pose()) for shot in views])
+    mesh = block()
+    outlines = Outlines.of(shots()[:10], drawn((mesh, pose()), views=VIEWS[:10]))
     all_views = find_start_pose(outlines, mesh, 0.0)
     one = find_start_pose(outlines.some(1), mesh, 0.0)
     place, turn = apart(one.X_WO, pose())
