@@ -200,8 +200,9 @@ def is_good_enough(lab: LabFolder) -> bool:
 
 
 def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
-    """Train a policy in copies of the twin; an interrupted training goes on."""
-    request = TrainRequest(scene=str(lab.twin), out=lab.policy, resume=training.can_go_on(lab.policy))
+    """Train a policy in copies of the twin, for the station's camera; an interrupted training goes on."""
+    resume = training.can_go_on(lab.policy)
+    request = TrainRequest(scene=str(lab.twin), out=lab.policy, station=lab.station, resume=resume)
     policy = training.train(
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )

@@ -192,7 +192,7 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         twin,
         (lab.policy / POLICY_FILE).is_file(),
         runs.run_policy,
-        f"pinwm train {lab.twin} -o {lab.policy}",
+        f"pinwm train {lab.twin} --station {lab.station} -o {lab.policy}",
         asked=True,
     )
 
