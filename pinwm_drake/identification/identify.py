@@ -2,6 +2,7 @@
 """Identification of a twin from one push or more and an appearance: theta with intervals, through the images."""
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -257,7 +258,12 @@ def _coordinates(
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
     clocks = [{} if push.clock is None else {"time_offset": max(push.clock.deviation, _CLOCK)} for push in pushes]
     priors = [view | clock for view, clock in zip(views, clocks, strict=True)]
-    return Coordinates(free, held, len(starts), priors)
+    return Coordinates(free, held, len(starts), priors, object_priors(capture))
+
+
+def object_priors(capture: Capture) -> dict[str, float]:
+    """Standard deviations of unknowns of the object that a capture tells: its mesh is off by as much as it says."""
+    return {"contact_offset": math.hypot(UNKNOWNS["contact_offset"].prior, capture.object.mesh_error)}
 
 
 def _digest(surfels: Surfels) -> str:

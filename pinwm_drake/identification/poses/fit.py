@@ -28,6 +28,7 @@ from pinwm_drake.identification.identify import (
     chosen_unknowns,
     distinct_pushes,
     found_twin,
+    object_priors,
 )
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
@@ -129,7 +130,7 @@ def identify_poses(
         priors = {name: max(UNKNOWNS[name].prior, one) for name, one in far.items()}
         own = Coordinates(own_names, held, 1, [priors]) if own_names else None
         shared = [name for name in free if UNKNOWNS[name].shared]
-        coordinates = Coordinates(shared, held, 1)
+        coordinates = Coordinates(shared, held, 1, shared=object_priors(capture))
         problem = PosedProblem(tuple(chosen), coordinates, own)
         search = _Search(problem, tuple(whole), options, radius, report)
         surrogate, z, sigma = search.run(sigma)

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: MIT
 """Identification from measured poses: a cube that known physics pushes, by a robot whose frame is off."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from pinwm_drake.capture.episodes import CAMERA_FILE, ObjectPoses, PusherTrajectory, read_episode
 from pinwm_drake.capture.scene import PusherGeometry, load_capture
@@ -93,6 +95,21 @@ def test_two_faces_tell_the_frame_and_friction(two):
     assert two.twin.provenance["poses"]["noise"]["position"][0] == pytest.approx(NOISE, rel=0.3)
     assert {"start_x.0", "start_x.1", "grip_floor.0"} <= set(two.twin.nuisance)
     assert "start_x" not in two.twin.nuisance
+
+
+def test_a_mesh_whose_sides_are_off_acts_larger_by_that(capture, tmp_path):
+    folder, inside = tmp_path / "capture", 2e-3
+    shutil.copytree(capture, folder)
+    text = (folder / "capture.yaml").read_text()
+    (folder / "capture.yaml").write_text(text.replace("  mesh:", f"  mesh_error: {2 * inside}\n  mesh:", 1))
+    path = load_capture(folder).object.mesh_path
+    mesh = trimesh.load_mesh(path)
+    mesh.vertices[:, :2] *= 1.0 - 2 * inside / SIDE
+    mesh.export(path)
+    twin = identify(folder, tmp_path / "twin", episodes=["0001", "0002"], poses="object_poses.csv", options=QUICK).twin
+    offset = twin.nuisance["contact_offset"]
+    assert offset.interval[0] < inside < offset.interval[1]
+    assert offset.value > 0.5 * inside
 
 
 def test_the_frame_predicts_another_push_of_the_same_robot(two, capture):
