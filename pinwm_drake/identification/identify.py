@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
@@ -131,7 +132,9 @@ def identify_theta(
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
-        scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
+        drawn = torch.cat([found.posterior.z[None], found.posterior.kept])
+        values = [coordinates.values(drawn, push) for push in range(len(forwards))]
+        scale = find_mass_scale(forwards, values, options.seed) if unknown else None
     about = {**origin.to_provenance(), **registration_entry(written, X_WO)}
     twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about, q_WO=own[0].q)
     twin = with_mass(twin, scale)
