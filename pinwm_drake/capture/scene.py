@@ -35,12 +35,14 @@ class CaptureObject:
         mesh_path: File of its mesh, metres, object frame O.
         X_WO: Pose of the object in the world in the static views and at the start of an episode; q (4,), p (3,) [m].
         mass: kg; None where it was not measured.
+        mesh_error: m, standard deviation of the sides of the mesh from those of the object; 0 for an exact mesh.
     """
 
     name: str
     mesh_path: Path
     X_WO: Pose
     mass: float | None = None
+    mesh_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ class ObjectDocument(Document):
     name: Text
     mesh: Text
     mass: Annotated[float, finite(1e-6, 1e4)] | None = None
+    mesh_error: Annotated[float, finite(0.0, 0.02)] = 0.0
     X_WO: PoseDocument
 
 
@@ -260,7 +263,7 @@ def load_capture(capture: str | Path) -> Capture:
 
 
 def _object(folder: Path, about: ObjectDocument) -> CaptureObject:
-    return CaptureObject(about.name, object_mesh(folder, about.mesh), about.X_WO.pose(), about.mass)
+    return CaptureObject(about.name, object_mesh(folder, about.mesh), about.X_WO.pose(), about.mass, about.mesh_error)
 
 
 def object_mesh(folder: Path, name: str) -> Path:

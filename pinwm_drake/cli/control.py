@@ -39,6 +39,7 @@ def control(request: ControlRequest) -> None:
     with stop_signals() as stop:
         import numpy as np
 
+        from pinwm_drake.control.station import check_station
         from pinwm_drake.files import prepare_folder
         from pinwm_drake.learning.bundle import read_bundle
         from pinwm_drake.systems.control.loop import ControlLoop
@@ -54,6 +55,8 @@ def control(request: ControlRequest) -> None:
             prepare_folder(film.parent)
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(request.bundle)
+        if request.station is not None or (engine == "lcm" and not request.simulate_arm):
+            check_station(request.bundle, found.spec.station, request.station)
         found = found if request.goal is None else found.toward(request.goal)
         force = None if request.force else FORCE
         setup = policy_setup(found.spec, found.provenance, request.bundle, request.scene, force)

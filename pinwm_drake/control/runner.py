@@ -8,6 +8,7 @@ import numpy as np
 
 from pinwm_drake.control.pilot import Inputs, Memory, Pilot
 from pinwm_drake.control.safety_filter import Mode
+from pinwm_drake.control.station import check_station
 from pinwm_drake.errors import StateError
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.safety import SafetyLimits
@@ -48,13 +49,24 @@ class Runner:
         bundle: A bundle, its folder, or the name of one that ships.
         limits: Limits of the pusher's motion; None for the bundle's.
         live: Flag: images come from a real camera, of which no two are the same; False for those without noise.
+        station: The `station.yaml` of the lab, or its folder; None for a bundle that names no station.
 
     Raises:
-        InputError: The bundle cannot be read.
+        InputError: The bundle cannot be read; or it names another station than this one; or it names one, images are
+            live, and no station is given.
     """
 
-    def __init__(self, bundle: Bundle | str | Path, limits: SafetyLimits | None = None, *, live: bool = True) -> None:
+    def __init__(
+        self,
+        bundle: Bundle | str | Path,
+        limits: SafetyLimits | None = None,
+        *,
+        live: bool = True,
+        station: str | Path | None = None,
+    ) -> None:
         self.bundle = bundle if isinstance(bundle, Bundle) else read_bundle(bundle)
+        if live or station is not None:
+            check_station("bundle" if isinstance(bundle, Bundle) else bundle, self.bundle.spec.station, station)
         self.limits = limits or self.bundle.limits
         self._pilot = Pilot(self.bundle, self.limits, live=live)
         self.reset()

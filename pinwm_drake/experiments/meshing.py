@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from pinwm_drake.capture.amend import amend
 from pinwm_drake.capture.images import size_of
-from pinwm_drake.capture.scene import load_unfinished
+from pinwm_drake.capture.paths import is_file
+from pinwm_drake.capture.scene import CAPTURE_FILE, load_unfinished
 from pinwm_drake.capture.static_views import TRANSFORMS
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import read_shots
 from pinwm_drake.experiments.start import POOR
@@ -108,6 +111,31 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
         mesh.export(temporary, file_type="obj")
         load_mesh(temporary)
     return Meshed(out, mesh, kind, done, pose, doubts)
+
+
+def write_mesh_error(folder: Path, kind: str) -> bool:
+    """Write to `capture.yaml` how far the sides of a hull are off; take that away for a mesh of another kind.
+
+    Args:
+        folder: The capture; without a `capture.yaml` nothing is written.
+        kind: Kind of its mesh, as `Meshed` has it.
+
+    Returns:
+        Flag: the comments of the file are still there.
+
+    Raises:
+        InputError: The file is refused.
+    """
+    path = folder / CAPTURE_FILE
+    if not is_file(path):
+        return True
+    about = read_yaml(path).find("object")
+    before = None if about is None or about.value is None else about.find("mesh_error")
+    if kind == "hull":
+        return amend(path, {("object", "mesh_error"): HULL_ERROR})
+    if before is not None and before.value == HULL_ERROR:
+        return amend(path, {("object", "mesh_error"): 0.0})
+    return True
 
 
 def read_depths(static: Path, shots: Sequence[Shot]) -> list[np.ndarray] | None:

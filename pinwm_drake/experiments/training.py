@@ -24,14 +24,16 @@ from pinwm_drake.learning.sac import SacOptions
 from pinwm_drake.learning.weights import devices
 from pinwm_drake.provenance import timestamp, versions
 from pinwm_drake.report.figures.training import training_figure
+from pinwm_drake.station.document import load_station
 from pinwm_drake.systems.envs.policy_scene import scene_record
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.mpc.waypoints import STAGE as WAYPOINTS
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
+from pinwm_drake.systems.scenario.at_station import at_station, latency_of
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import DEFAULT_TASK
-from pinwm_drake.tasks.registry import recipe_of
+from pinwm_drake.tasks.registry import changed_task, recipe_of
 from pinwm_drake.tasks.task import Task
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin.twin import Twin
@@ -115,7 +117,7 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
         "algorithm": "ppo" if request.method == "ppo" else request.algorithm or recipe_of(worlds.setup.task).algorithm,
         **({"auxiliary": request.auxiliary} if request.method == "ppo" else {}),
         "trained_in": worlds.about,
-        "home": scene_record(request.scene, _placed_in(request)),
+        "home": scene_record(request.scene, _placed_in(request), request.station),
         "seed": request.seed,
         "worlds": request.worlds,
         "time": timestamp(),
@@ -125,18 +127,23 @@ def _provenance(request: TrainRequest, worlds: TrainingWorlds) -> dict[str, Any]
 
 def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> TrainingWorlds:
     """Return the worlds of a request; `domains` as for `train`."""
-    setup = _setup(request)
+    setup, station = _setup(request), None if request.station is None else load_station(request.station)
     changes = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
     if request.goals == "random":
         given["goal_range"] = (request.goal_reach, request.goal_reach, request.goal_turn)
+    task: dict[str, Any] | None = given if request.task is None else {"name": request.task} | given
+    size, latency = request.image_size or 64, request.latency or (0.0, 0.0)
+    if station is not None:
+        setup = at_station(replace(setup, task=changed_task(setup.task, task)), station)
+        task, size, latency = None, setup.camera.width, request.latency or latency_of(station.document)
     options = training_options(
-        task=given if request.task is None else {"name": request.task} | given,
-        image_size=request.image_size,
+        task=task,
+        image_size=size,
         frames=max(request.frames, request.history + 1) if request.history else request.frames,
         history=request.history,
         max_translation=request.max_translation,
-        latency=request.latency,
+        latency=latency,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
     domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)

@@ -17,6 +17,7 @@ from pinwm_drake.station.lab import LAB_FILE, LabDocument
 OBJECT_FILE, BOARD_FILE = "object.yaml", "board.pdf"
 _MESHES = (".obj", ".stl", ".ply", ".off", ".glb")
 _GRAVITY = 9.81
+FOUND = ("X_WO", "mesh_error")  # keys of the object that stages find and write
 _OF_PERSON = ("schema_version", "units", "gravity")  # keys that stay as they are
 
 
@@ -118,15 +119,15 @@ class LabFolder:
         """The station; None where there is none yet."""
         return load_station(self.station) if self.station.is_file() else None
 
-    def read_scene(self, *, pose: bool = True) -> dict[str, Any]:
-        """Contents of `capture.yaml`, with or without the object's pose; empty where there is none."""
+    def read_scene(self, *, found: bool = True) -> dict[str, Any]:
+        """Contents of `capture.yaml`, with or without what stages find and write to it; empty where there is none."""
         if not self.scene.is_file():
             return {}
         document = read_yaml(self.scene).value
         if not isinstance(document, dict) or not isinstance(document.get("object", {}), dict):
             raise InputError(self.scene, value="no mapping", allowed="the keys of a capture.yaml")
-        if not pose:
-            document = {**document, "object": {k: v for k, v in document.get("object", {}).items() if k != "X_WO"}}
+        if not found:
+            document = {**document, "object": {k: v for k, v in document.get("object", {}).items() if k not in FOUND}}
         return document
 
 

@@ -20,7 +20,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments import training
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.masking import mask_capture, mask_push
-from pinwm_drake.experiments.meshing import make_mesh
+from pinwm_drake.experiments.meshing import make_mesh, write_mesh_error
 from pinwm_drake.experiments.next_push import next_push
 from pinwm_drake.experiments.progress import Progress
 from pinwm_drake.experiments.proposal import describe, write_proposal
@@ -88,6 +88,7 @@ def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     notes = found.words()
     if put_in_place(new, lab.mesh, aside):
         notes.append(f"doubtful: the mesh that was there was edited or brought: it is now {aside}")
+    notes += _told(write_mesh_error(lab.capture, found.kind))
     progress("mesh", 1.0, notes[0])
     if found.kind == "file":
         notes += _few(mask_capture(lab.capture, pushes=False, progress=progress).words())
@@ -224,8 +225,9 @@ def is_good_enough(lab: LabFolder) -> bool:
 
 
 def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
-    """Train a policy in copies of the twin; an interrupted training goes on."""
-    request = TrainRequest(scene=str(lab.twin), out=lab.policy, resume=training.can_go_on(lab.policy))
+    """Train a policy in copies of the twin, for the station's camera; an interrupted training goes on."""
+    resume, station = training.can_go_on(lab.policy), lab.station if lab.station.is_file() else None
+    request = TrainRequest(scene=str(lab.twin), out=lab.policy, station=station, resume=resume)
     policy = training.train(
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )

@@ -13,7 +13,7 @@ from pinwm_drake.documents import read_yaml
 from pinwm_drake.experiments.masking import hand_made_masks
 from pinwm_drake.experiments.progress import Progress
 from pinwm_drake.guide import runs
-from pinwm_drake.guide.lab import BOARD_FILE, OBJECT_FILE, LabFolder
+from pinwm_drake.guide.lab import BOARD_FILE, FOUND, OBJECT_FILE, LabFolder
 from pinwm_drake.guide.record import Given
 from pinwm_drake.learning.policy import POLICY_FILE
 from pinwm_drake.reading.pictures import opened_picture
@@ -195,7 +195,7 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
         twin,
         (lab.policy / POLICY_FILE).is_file(),
         runs.run_policy,
-        f"pinwm train {lab.twin} -o {lab.policy}",
+        f"pinwm train {lab.twin}{f' --station {lab.station}' if lab.station.is_file() else ''} -o {lab.policy}",
         asked=True,
     )
 
@@ -265,5 +265,5 @@ def _pictures(folder: Path) -> tuple[Path, ...]:
 
 
 def _scene(lab: LabFolder) -> Given:
-    """Input `capture.yaml` without the pose, which a later stage writes into it."""
-    return f"{lab.scene.name} without object.X_WO", lab.read_scene(pose=False)
+    """Input `capture.yaml` without what stages write into it."""
+    return f"{lab.scene.name} without {' and '.join(FOUND)} of the object", lab.read_scene(found=False)

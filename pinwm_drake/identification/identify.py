@@ -2,11 +2,13 @@
 """Identification of a twin from one push or more and an appearance: theta with intervals, through the images."""
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from pinwm_drake.capture.episodes import Episode, ObjectPoses
@@ -130,7 +132,9 @@ def identify_theta(
         }
         found = Search(task, options, folder=folder, about=about, resume=resume, report=report).run()
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
-        scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
+        drawn = torch.cat([found.posterior.z[None], found.posterior.kept])
+        values = [coordinates.values(drawn, push) for push in range(len(forwards))]
+        scale = find_mass_scale(forwards, values, options.seed) if unknown else None
     about = {**origin.to_provenance(), **registration_entry(written, X_WO)}
     twin = found_twin(capture, scene, found, options, surfels, camera_offset, mass, X_WO, about, q_WO=own[0].q)
     twin = with_mass(twin, scale)
@@ -257,7 +261,12 @@ def _coordinates(
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
     clocks = [{} if push.clock is None else {"time_offset": max(push.clock.deviation, _CLOCK)} for push in pushes]
     priors = [view | clock for view, clock in zip(views, clocks, strict=True)]
-    return Coordinates(free, held, len(starts), priors)
+    return Coordinates(free, held, len(starts), priors, object_priors(capture))
+
+
+def object_priors(capture: Capture) -> dict[str, float]:
+    """Standard deviations of unknowns of the object that a capture tells: its mesh is off by as much as it says."""
+    return {"contact_offset": math.hypot(UNKNOWNS["contact_offset"].prior, capture.object.mesh_error)}
 
 
 def _digest(surfels: Surfels) -> str:

@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from scipy.integrate import cumulative_trapezoid
+from torch import Tensor
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.errors import SolverError
 from pinwm_drake.identification.forward import Forward
-from pinwm_drake.identification.posterior import PRECISE, Posterior, interval
-from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.identification.posterior import PRECISE, interval
 from pinwm_drake.twin.twin import Twin
 
 _WINDOWS = (0.1, 0.05, 0.025)  # s, the longest of which there are enough
@@ -51,22 +50,20 @@ class MassScale:
 
 
 def find_mass_scale(
-    forwards: Sequence[Forward], coordinates: Coordinates, posterior: Posterior, seed: int
+    forwards: Sequence[Forward], values: Sequence[dict[str, Tensor]], seed: int
 ) -> MassScale | str | None:
     """Factor by which simulated forces on the pusher have to be scaled to be the measured ones.
 
     Args:
-        forwards: The pushes, in the order of the unknowns' columns; those without forces are left out.
-        coordinates: The unknowns; the mass is held at the nominal one.
-        posterior: Draws of them, for each of which a factor is found.
+        forwards: The pushes; those without forces are left out.
+        values: Values (1 + m,) of `UNKNOWNS` in each push, of the nominal mass: those found, then m draws.
         seed: Seed of the noise by which windows differ.
 
     Returns:
         The factor; in words why the forces do not tell it; None where there are none.
     """
-    z = torch.cat([posterior.z[None], posterior.kept])
     pushes, refusal = [], ""
-    for number, forward in enumerate(forwards):
+    for forward, given in zip(forwards, values, strict=True):
         log = forward.episode.trajectory
         if log.force_W is None:
             continue
@@ -74,7 +71,7 @@ def find_mass_scale(
             refusal = "it never changes"
             continue
         try:
-            pushes.append((log, *forward.pusher_impulses(coordinates.values(z, number))))
+            pushes.append((log, *forward.pusher_impulses(given)))
         except SolverError as error:
             refusal = str(error)
     if not pushes:

@@ -98,6 +98,7 @@ class Coordinates:
         held: Mapping[str, float],
         pushes: int = 1,
         priors: Sequence[Mapping[str, float]] = (),
+        shared: Mapping[str, float] | None = None,
     ) -> None:
         """Chooses the free unknowns and the values of the held ones.
 
@@ -106,6 +107,7 @@ class Coordinates:
             held: Physical values of others, by name; for a free one, the value at z = 0.
             pushes: Number of pushes.
             priors: Standard deviations of some unknowns of each push, by name, in the place of their own; none for all.
+            shared: Standard deviations of some unknowns of the object, likewise; None for none.
 
         Raises:
             ParameterError: An unknown name, none at all, one twice, or a value out of its bounds.
@@ -132,7 +134,8 @@ class Coordinates:
             for unknown, push in zip(self.free, self.push, strict=True)
         ]
         self.centre = {name: float(held.get(name, unknown.nominal)) for name, unknown in UNKNOWNS.items()}
-        own_priors = [priors[push] if priors and push >= 0 else {} for push in self.push]
+        told: list[Mapping[str, float]] = [shared or {}, *(priors or [{}] * pushes)]
+        own_priors = [told[1 + push] for push in self.push]
         given = zip(self.free, own_priors, strict=True)
         self.deviations = [other.get(unknown.name, unknown.prior) for unknown, other in given]
         prior = [deviation / unknown.scale for unknown, deviation in zip(self.free, self.deviations, strict=True)]

@@ -29,9 +29,10 @@ def make_contract(
         mask_pixels: Least and largest number of the object's pixels in an image; see `Golden.mask_pixels`.
         estimate: Flag: the network gives its estimate of the task's state beside the action.
     """
-    # Latency is 0: a policy is trained in an environment that waits for it.
+    # Without a delay a policy is trained in an environment that waits for it.
     axes = " and ".join(spec.task.axes)
-    often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "period": spec.horizon, "latency": 0.0}
+    latency = list(spec.latency) if any(spec.latency) else 0.0
+    often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "period": spec.horizon, "latency": latency}
     words, units = zip(*spec.task.state_components(), strict=True)
     told = {
         "name": ESTIMATE,
@@ -63,7 +64,8 @@ def make_contract(
             "(255, 255, 255), where the pusher or anything else hides the object too; no shadow, floor or pusher is "
             "left in the image. Of an RGBA image, alpha is 255 on the object and 0 elsewhere. mask.pixels: least and "
             "largest number of pixels that are not white in one of the seen golden images",
-            "latency": "s between the moment at which an input holds and the action, as in training; max_latency: s, "
+            "latency": "s between the moment at which an input holds and the action, as in training: one number, or "
+            "least and largest; spec.station: SHA-256 of the station.yaml that it is for; max_latency: s, "
             "age beyond which the controller takes an image for stale",
             "period": "s between one image, position or action and the next",
             "success": "spec.task: tolerance in m, turn_tolerance in rad; at rest below rest_speed in m/s and "

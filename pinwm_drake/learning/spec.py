@@ -23,7 +23,15 @@ _Pixels = Annotated[int, Field(ge=1, json_schema_extra={"unit": "px"})]
 _Count = Annotated[int, Field(ge=1, json_schema_extra={"allowed": "a whole number, 1 or more"})]
 _SHA256 = "a SHA-256, 64 digits of 0 to 9 and a to f"
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", json_schema_extra={"allowed": _SHA256})]
-_LATER = {"head": "levels", "window": None, "width": 256, "history": 0}  # fields that came later, as they were before
+_Delay = Annotated[float, Field(ge=0, json_schema_extra={"unit": "s"})]
+_LATER = {
+    "head": "levels",
+    "window": None,
+    "width": 256,
+    "history": 0,
+    "station": None,
+    "latency": (0.0, 0.0),
+}  # fields that came later, as they were before
 
 
 def _task(value: Any) -> Task:
@@ -150,6 +158,8 @@ class PolicySpec:
         width: Width of the two hidden layers from the state to the action.
         history: Number of the last actions that it sees, each with the state before it (observing "state") or the
             pusher's position (observing "rgb", with an image of each time); see `tasks.history`.
+        station: SHA-256 of the `station.yaml` of the station that it is made for; None for none.
+        latency: s, least and largest delay of an action in training.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -170,6 +180,8 @@ class PolicySpec:
     window: int | None = None
     width: _Count = 256
     history: int = 0
+    station: _Sha256 | None = None
+    latency: tuple[_Delay, _Delay] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         check_fields(self)

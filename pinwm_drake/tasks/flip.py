@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class FlipTask(Task):
         up: (3,) axis in the object's frame O that is to point up; of any length but zero.
         side: (3,) another axis in O, that tells the turn about `up`; zero for an object that is round about it.
         height: m, world: z of the object's origin at the goal; environments replace it by that of their scene.
+        middle: (2,) m, world: x and y of the middle of the floor.
         reward: "paper" or "shaped".
         turn_tolerance: rad, largest d_r of a success.
         tolerance: m, largest d_t of a success, which tells that the object stands on the floor.
@@ -66,6 +67,7 @@ class FlipTask(Task):
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
     height: float = 0.0
+    middle: tuple[float, float] = (0.0, 0.0)
     reward: Reward = "paper"
     turn_tolerance: Positive = 0.2
     tolerance: Positive = 0.01
@@ -92,6 +94,15 @@ class FlipTask(Task):
         """Return the task of an object on a floor, with its origin's height at the goal; see `Task.placed`."""
         return replace(self, height=float(floor_height - (np.asarray(vertices) @ self._axes_O[0]).min()))
 
+    def moved(self, x: float, y: float) -> Self:
+        """Return the task whose floor has its middle x, y [m] farther; see `Task.moved`."""
+        return replace(self, middle=(self.middle[0] + x, self.middle[1] + y))
+
+    @property
+    def origin(self) -> np.ndarray:
+        """Point (3,) m, world, from which the state counts: the middle of the floor, at the height of the goal."""
+        return np.array([*self.middle, self.height])
+
     def for_training(self) -> Self:
         """Return the task with the shaped reward."""
         return replace(self, reward="shaped")
@@ -105,7 +116,7 @@ class FlipTask(Task):
         speed, turn = lengths(object_state[:, 10:13]), lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        return Progress(distance, angle, reach, at_rest, success, lengths(p_WO[:, :2]))
+        return Progress(distance, angle, reach, at_rest, success, lengths(p_WO[:, :2] - self.middle))
 
     def worth(self, progress: Progress) -> np.ndarray:
         """Worth (W,) of successes: 1 in the room, and less farther off; see the class."""
@@ -125,7 +136,7 @@ class FlipTask(Task):
     def state(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
         """State (W, 18) float32 of W worlds, whose components the class describes; see `Task.state`."""
         p_WO, values = object_state[:, 4:7], np.empty((len(object_state), self.state_size))
-        values[:, 0:3] = (p_WO - [0.0, 0.0, self.height]) / LENGTH
+        values[:, 0:3] = (p_WO - self.origin) / LENGTH
         values[:, 3:9] = self._axes_W(object_state[:, :4]).reshape(-1, 6)
         values[:, 9:12] = object_state[:, 10:13] / SPEED
         values[:, 12:15] = object_state[:, 7:10] / TURN
@@ -137,7 +148,7 @@ class FlipTask(Task):
         state = np.asarray(state, float)
         found = np.zeros((len(state), 13))
         found[:, :4] = [_orientation(self._axes_O, row[3:9].reshape(2, 3)) for row in state]
-        found[:, 4:7] = LENGTH * state[:, 0:3] + [0.0, 0.0, self.height]
+        found[:, 4:7] = LENGTH * state[:, 0:3] + self.origin
         found[:, 7:10], found[:, 10:13] = TURN * state[:, 12:15], SPEED * state[:, 9:12]
         return found, found[:, 4:7] + LENGTH * state[:, 15:18]
 
@@ -145,7 +156,7 @@ class FlipTask(Task):
         """Meaning and unit of the state's components; see `Task.state_components`."""
         length, speed, turn = f"{LENGTH:g} m", f"{SPEED:g} m/s", f"{TURN:g} rad/s"
         parts = (
-            ("the object's origin, z from its height at the goal", length),
+            ("the object's origin, from the middle of the floor, z from its height at the goal", length),
             ("the axis that is to point up", "1"),
             ("the axis that tells the turn about it", "1"),
             ("the object's velocity", speed),
@@ -153,6 +164,13 @@ class FlipTask(Task):
             ("the pusher, from the object's origin", length),
         )
         return tuple((f"{axis} of {words}, world", unit) for words, unit in parts for axis in "xyz")
+
+    def to_document(self) -> dict[str, Any]:
+        """Return the task as plain data, without the middle of the floor where that is W; see `Task.to_document`."""
+        document = super().to_document()
+        if not any(self.middle):
+            del document["middle"]
+        return document
 
     def near_goal(self, state: np.ndarray, share: float = 1.0) -> bool:
         """Flag: the axis is within a share of the tolerance of upright, by components 3 to 5 of a state (18,)."""

@@ -14,28 +14,31 @@ class FlipAssembly(nn.Module):
     Attributes:
         estimate_size: Number of components that a network estimates: position, axes and velocities of the object.
         scale: (3,) float32, half the sides of the pusher's box, in units of the state.
-        middle: (3,) float32, middle of the pusher's box, z from the object's height at the goal, in the same units.
+        middle: (3,) float32, middle of the pusher's box, from the state's origin, in the same units.
+        origin: (2,) float32, x and y of that origin in the world, in the same units.
     """
 
     estimate_size = MOTION_SIZE
     scale: Tensor
     middle: Tensor
+    origin: Tensor
 
-    def __init__(self, height: float, length: float, low: np.ndarray, high: np.ndarray, *, round: bool) -> None:
+    def __init__(self, origin: np.ndarray, length: float, low: np.ndarray, high: np.ndarray, *, round: bool) -> None:
         """Build the map from the pusher's box to the state's frame.
 
         Args:
-            height: m, world: z of the object's origin at the goal.
+            origin: (3,) m, world: point from which the state counts; see `FlipTask.origin`.
             length: m, unit of lengths in the state.
             low: (3,) m, world: lower corner of the pusher's box.
             high: (3,) m, world: upper corner.
             round: Flag: the object is round about the axis that is to point up, so that there is no second one.
         """
         super().__init__()
-        middle = 0.5 * (np.asarray(low) + high) - [0.0, 0.0, height]
+        middle = 0.5 * (np.asarray(low) + high) - origin
         self._round, self._length = round, length
         self.register_buffer("scale", torch.tensor(0.5 * (high - low) / length).float(), persistent=False)
         self.register_buffer("middle", torch.tensor(middle / length).float(), persistent=False)
+        self.register_buffer("origin", torch.tensor(origin[:2] / length).float(), persistent=False)
 
     def forward(self, estimate: Tensor, pusher: Tensor, place: Tensor | None = None) -> Tensor:
         """State (B, 18) of `FlipTask`.
@@ -43,10 +46,10 @@ class FlipAssembly(nn.Module):
         Args:
             estimate: (B, 15): position, both axes (of any length) and velocities, in units of the state.
             pusher: (B, 3), position of the pusher across its box, -1 to 1.
-            place: (B, 2) m, world: x and y from which the estimated position counts; None for the world's origin.
+            place: (B, 2) m, world: x and y from which the estimated position counts; None for the state's origin.
         """
         if place is not None:
-            estimate = torch.cat([estimate[:, :2] + place / self._length, estimate[:, 2:]], 1)
+            estimate = torch.cat([estimate[:, :2] + place / self._length - self.origin, estimate[:, 2:]], 1)
         up = nn.functional.normalize(estimate[:, 3:6])
         side = torch.zeros_like(up) if self._round else nn.functional.normalize(estimate[:, 6:9])
         away = pusher * self.scale + self.middle - estimate[:, :3]

@@ -156,6 +156,10 @@ class PushTask(Task):
         w, x, y, z = (float(value) for value in q_WO)
         return replace(self, q_WO=(w, x, y, z))
 
+    def moved(self, x: float, y: float) -> Self:
+        """Return the task whose goal is x, y [m] farther; see `Task.moved`."""
+        return replace(self, goal=(self.goal[0] + x, self.goal[1] + y, self.goal[2]))
+
     def goal_pose(self, height: float) -> "Pose":
         """Pose X_WG of the object at the goal, its origin at a height [m]."""
         import torch

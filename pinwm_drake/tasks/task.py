@@ -187,6 +187,14 @@ class Task(ABC):
         """
         return self
 
+    def moved(self, x: float, y: float) -> Self:
+        """Return the task whose goal and floor are x, y [m] farther in the world.
+
+        Raises:
+            ParameterError: The task does not say how it moves.
+        """
+        raise ParameterError(f"task: got {self.name}; allowed: a task that can be moved, with `moved`")
+
     def for_training(self) -> Self:
         """Return the task with the rewards that a policy learns from."""
         return self

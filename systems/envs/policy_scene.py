@@ -18,8 +18,10 @@ from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
 from pinwm_drake.models import shipped_scenarios, twin_path
 from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.station.document import load_station, require_station
 from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
+from pinwm_drake.systems.scenario.at_station import at_station
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks.registry import changed_task, recipe_of
@@ -69,6 +71,8 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
         max_steps=task.max_steps if options.max_steps is None else int(options.max_steps),
         scene=scene_spec(setup),
         history=options.history,
+        station=setup.station,
+        latency=(float(options.latency[0]), float(options.latency[1])),
     )
     return dataclasses.replace(spec, window=window_size(spec)) if observes == "rgb" else spec
 
@@ -102,18 +106,20 @@ def scene_spec(setup: Setup, camera: CameraSpec | None = None) -> SceneSpec:
     )
 
 
-def scene_record(scene: str, in_scene: str | None) -> dict[str, str]:
+def scene_record(scene: str, in_scene: str | None, station: Path | None = None) -> dict[str, str]:
     """Where a policy was trained, for its provenance: `home_scene` finds the scene again by it.
 
     Args:
         scene: Scene of the training: a twin's folder, or a scenario's file or name.
         in_scene: Scenario that the twin was placed in; None for its own.
+        station: The `station.yaml` that it was trained for; None for none.
     """
 
     def told(text: str) -> str:
         return str(Path(text).resolve()) if Path(text).exists() else text
 
-    return {"scene": told(scene)} if in_scene is None else {"scene": told(in_scene), "twin": told(scene)}
+    at = {} if station is None else {"station": told(str(station))}
+    return at | ({"scene": told(scene)} if in_scene is None else {"scene": told(in_scene), "twin": told(scene)})
 
 
 def home_scene(spec: PolicySpec, provenance: Mapping[str, Any], folder: str | Path) -> Setup:
@@ -142,6 +148,14 @@ def home_scene(spec: PolicySpec, provenance: Mapping[str, Any], folder: str | Pa
                 allowed=f"--scene with {_wanted(spec)}",
             )
         setup = load_setup(scene, twin=twin)
+        if "station" in recorded:
+            file = _found(recorded["station"], Path(folder))
+            if file is None:
+                lost = f"no station of its training at {recorded['station']}"
+                raise InputError(folder, value=lost, allowed=f"--scene with {_wanted(spec)}")
+            station = load_station(Path(file))
+            require_station(Path(folder), spec.station, station)
+            setup = at_station(setup, station)
         check_object(spec, setup)
         return setup
     trained = about.get("trained_in") if isinstance(about, Mapping) else None

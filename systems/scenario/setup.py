@@ -45,6 +45,7 @@ class Setup:
         plant_time_step: s, one step of Drake's plants; a whole number of them make a period.
         task: The scenario's task, with the object's orientation `scenario.start.q_WO`.
         renderer: Settings of the renderer of Drake's plants; None for even light from all sides.
+        station: SHA-256 of the `station.yaml` of the lab's station that the scene is at; None for none.
     """
 
     scenario: Scenario
@@ -56,6 +57,7 @@ class Setup:
     plant_time_step: float
     task: Task
     renderer: RenderEngineVtkParams | None = None
+    station: str | None = None
 
     def with_theta(self, **values: float) -> "Setup":
         """Return the setup with other values of the twin's parameters; see `Twin.with_theta`.

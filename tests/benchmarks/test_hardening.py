@@ -3,6 +3,7 @@
 
 import gc
 import json
+import mmap
 import os
 import shutil
 import time
@@ -159,7 +160,9 @@ def test_leaks_of_a_process_are_seen(tmp_path, monkeypatch):
 
     def leaking(size, seed):
         for number in range(size):
-            kept.append((open(os.devnull), b"x" * 2**20))  # noqa: SIM115
+            pages = mmap.mmap(-1, 2**20)  # the allocator could reuse what other tests have freed
+            pages.write(b"x" * 2**20)
+            kept.append((open(os.devnull), pages))  # noqa: SIM115
             yield number + 1
 
     monkeypatch.setitem(endurance.WORKS, "leaking", (leaking, 60, ""))

@@ -192,7 +192,7 @@ def test_the_scene_takes_pusher_and_table_of_the_station_and_keeps_the_pose(lab)
     assert scene["pusher"]["shape"] == {"kind": "sphere", "radius": 0.012}
     assert scene["station"] == station.sha256
     assert scene["object"]["X_WO"]["p"] == [0.5, 0, 0.02]
-    assert "X_WO" not in lab.read_scene(pose=False)["object"]
+    assert "X_WO" not in lab.read_scene(found=False)["object"]
 
 
 def test_files_of_a_push(tmp_path):

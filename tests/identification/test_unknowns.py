@@ -83,3 +83,11 @@ def test_pushes_share_the_object_and_have_starts_of_their_own():
     assert len({float(value["friction_floor"]) for value in values}) == 1
     assert list(coordinates.named(z)) == coordinates.names
     assert coordinates.named(z)["start_x.2"] == pytest.approx(10e-3)
+
+
+def test_what_is_known_of_one_object_takes_the_place_of_a_prior():
+    usual = Coordinates(("contact_offset", "start_x"), {}, 2)
+    wider = Coordinates(("contact_offset", "start_x"), {}, 2, [{}, {"start_x": 2e-3}], {"contact_offset": 3e-3})
+    assert usual.deviations == [1e-3, 1e-3, 1e-3]
+    assert wider.deviations == [3e-3, 1e-3, 2e-3]
+    assert float(wider.precision[0, 0]) == pytest.approx(float(usual.precision[0, 0]) / 9.0)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from pinwm_drake.capture.scene import load_unfinished
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import read_shots
-from pinwm_drake.experiments.meshing import read_depths
+from pinwm_drake.experiments.meshing import HULL_ERROR, read_depths
 from pinwm_drake.experiments.start import start_pose
 from pinwm_drake.masks.start_pose import Outlines, find_start_pose, resting_faces
 from pinwm_drake.spatial.poses import pose_to_matrix
@@ -159,10 +159,13 @@ def test_depths_come_from_16_bit_png_and_float_tiff(tmp_path):
 
 def test_the_command_makes_a_mesh_of_masks_and_says_what_it_is(tmp_path, pinwm):
     masked(tmp_path)
+    scene = tmp_path / "capture.yaml"
+    scene.write_text("schema_version: 1\nobject: {name: block, mesh: meshes/object.obj} # mine\n")
     code, said, errors = pinwm("mesh", str(tmp_path))
     assert code == 0, errors
     assert "the hull of the masks" in said
     assert "cups are filled" in said
+    assert f"mesh_error: {HULL_ERROR}}} # mine" in scene.read_text()
     code, _, errors = pinwm("mesh", str(tmp_path))
     assert code == 1
     assert "--replace" in errors
@@ -172,3 +175,4 @@ def test_the_command_makes_a_mesh_of_masks_and_says_what_it_is(tmp_path, pinwm):
     code, said, errors = pinwm("mesh", str(tmp_path), "--from", str(tmp_path / "scan.stl"), "--replace")
     assert code == 0, errors
     assert "read in mm" in said
+    assert "mesh_error: 0.0} # mine" in scene.read_text()

@@ -10,9 +10,11 @@ def mesh(request: MeshRequest) -> None:
 
     A CAD file or scan is repaired and scaled; else depths are fused; else the masks' hull is taken.
     """
-    from pinwm_drake.experiments.meshing import make_mesh
+    from pinwm_drake.experiments.meshing import make_mesh, write_mesh_error
 
     found = make_mesh(request.folder, source=request.source, out=request.out, replace=request.replace)
     for line in found.words():
         say(line, style="yellow" if line.startswith("doubtful") else None)
+    if request.out is None and not write_mesh_error(request.folder, found.kind):
+        say("comments of capture.yaml are gone", style="yellow")
     say(f"wrote {found.path}; then: pinwm pose {request.folder}")

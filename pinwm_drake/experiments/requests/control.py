@@ -115,6 +115,10 @@ class ControlRequest:
     )
     lcm_url: LcmUrl = None
     key: Key = None
+    station: Annotated[
+        Path | None,
+        option("File station.yaml of the lab; a bundle for another station is refused.", group=LAB),
+    ] = None
     record: Annotated[
         Path | None,
         option("HTML file of what Meshcat shows; it needs no server.", group=DATA, result="beside"),

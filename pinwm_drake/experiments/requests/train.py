@@ -67,20 +67,30 @@ class TrainRequest:
         float | None, option("Longest pusher translation in an action.", group=LAB, unit="m", default="the task's")
     ] = None
     latency: Annotated[
-        tuple[float, float],
+        tuple[float, float] | None,
         option(
             "Shortest and longest delay of an action.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
             allowed="0 or more, the least first",
+            default="the station's, or 0 0",
         ),
-    ] = (0.0, 0.0)
+    ] = None
+    station: Annotated[
+        Path | None,
+        option("File station.yaml of the lab whose camera, workspace, starts and delays are trained for.", group=LAB),
+    ] = None
     as_filmed: Annotated[bool, option("Use the camera pose of the twin's video.", group=LAB)] = False
     mask_error: Annotated[
         float, option("Random error of the outlines in training images.", group=LAB, unit="px", ge=0, le=1)
     ] = 0.0
-    image_size: Annotated[int, option("Width and height of the policy's images.", group=LAB, unit="px", ge=1)] = 64
+    image_size: Annotated[
+        int | None,
+        option(
+            "Width and height of the policy's images.", group=LAB, unit="px", ge=1, default="the station's view, or 64"
+        ),
+    ] = None
     frames: Annotated[int, option("Number of images that the policy sees.", group=LAB, ge=1)] = 3
     algorithm: Annotated[
         Literal["sac", "ppo"] | None,
@@ -118,8 +128,10 @@ class TrainRequest:
         draws = task_names("goal_range")
         drawn = self.goals == "fixed" or self.task in (None, *draws)
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
-        least, most = self.latency
+        least, most = self.latency or (0.0, 0.0)
         require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
+        sized = self.station is None or self.image_size is None
+        require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")
         learned = self.mask_error == 0.0 or self.method == "distil"
         require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")

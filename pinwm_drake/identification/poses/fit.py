@@ -28,6 +28,7 @@ from pinwm_drake.identification.identify import (
     chosen_unknowns,
     distinct_pushes,
     found_twin,
+    object_priors,
 )
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
 from pinwm_drake.identification.options import IdentifyOptions
@@ -129,14 +130,16 @@ def identify_poses(
         priors = {name: max(UNKNOWNS[name].prior, one) for name, one in far.items()}
         own = Coordinates(own_names, held, 1, [priors]) if own_names else None
         shared = [name for name in free if UNKNOWNS[name].shared]
-        coordinates = Coordinates(shared, held, 1)
+        coordinates = Coordinates(shared, held, 1, shared=object_priors(capture))
         problem = PosedProblem(tuple(chosen), coordinates, own)
         search = _Search(problem, tuple(whole), options, radius, report)
         surrogate, z, sigma = search.run(sigma)
         found, owns = search.outcome(surrogate, z, begun)
         unknown = capture.object.mass is None and "mass" not in (*options.held, *options.names)
         forwards = [one.forward for one in whole]
-        scale = find_mass_scale(forwards, coordinates, found.posterior, options.seed) if unknown else None
+        drawn = torch.cat([found.posterior.z[None], found.posterior.kept])
+        values = [search.values(drawn, mean.expand(len(drawn), -1)) for mean, _ in owns]
+        scale = find_mass_scale(forwards, values, options.seed) if unknown else None
     wrong = {
         f"{push.name}/{table.path.name}": lines for push, (table, lines) in zip(pushes, sound, strict=True) if lines
     }
@@ -213,7 +216,7 @@ class _Search:
         ]
         poses = []
         for one, (mean, _) in zip(self.whole, owns, strict=True):
-            X_WO, alive = one.forward.poses(self._values(z, mean))
+            X_WO, alive = one.forward.poses(self.values(z[None], mean[None]))
             if not bool(alive[0]):
                 raise SolverError("the physics found no solution at the optimum; try a smaller time step")
             poses.append(Pose(X_WO.q[:, 0], X_WO.p[:, 0]))
@@ -222,9 +225,10 @@ class _Search:
         found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
         return found, owns
 
-    def _values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
+    def values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
+        """Values (W,) of `UNKNOWNS`, of shared unknowns (W, p) and those of a push (W, m)."""
         clamped = own if self.problem.own is None else self.problem.own.clamp(own)
-        return self.problem.values(z[None], clamped[None])
+        return self.problem.values(z, clamped)
 
     def _expand(self, z: Tensor, at: list[Tensor], sigma: Tensor) -> PoseSurrogate:
         found = pose_surrogate(self.problem, z, at, sigma)
@@ -252,7 +256,7 @@ class _Search:
         residuals = []
         for one, own in zip(self.whole, at, strict=True):
             with torch.no_grad():
-                d, _ = one.deviations(self._values(z, own))
+                d, _ = one.deviations(self.values(z[None], own[None]))
             residuals.append((one.forward.times, d[0].numpy()))
         return white_noise(residuals, self.radius)
 

@@ -13,7 +13,7 @@ from pinwm_drake.tasks.recipe import Recipe
 def _assembly(task: FlipTask, low: np.ndarray, high: np.ndarray) -> Any:
     from pinwm_drake.tasks.flip_assembly import FlipAssembly
 
-    return FlipAssembly(task.height, LENGTH, low, high, round=not any(task.side))
+    return FlipAssembly(task.origin, LENGTH, low, high, round=not any(task.side))
 
 
 FLIP = Recipe(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Identification from measured poses: a cube that known physics pushes, by a robot whose frame is off."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import make_scene, pusher_motion, rollout_poses
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, rotate, turn_between
+from pinwm_drake.twin.rollout import pusher_impulses
 from tests.identification.samples import LEVEL, SHAPE, SIDE, TRUTH, write_capture
 
 FRAME = {"frame_x": 0.004, "frame_y": -0.003}
@@ -93,6 +95,39 @@ def test_two_faces_tell_the_frame_and_friction(two):
     assert two.twin.provenance["poses"]["noise"]["position"][0] == pytest.approx(NOISE, rel=0.3)
     assert {"start_x.0", "start_x.1", "grip_floor.0"} <= set(two.twin.nuisance)
     assert "start_x" not in two.twin.nuisance
+
+
+def test_sides_of_a_mesh_that_are_off_leave_the_contact_offset_to_the_video(two, capture, tmp_path):
+    folder = tmp_path / "capture"
+    shutil.copytree(capture, folder)
+    text = (folder / "capture.yaml").read_text()
+    (folder / "capture.yaml").write_text(text.replace("  mesh:", "  mesh_error: 0.004\n  mesh:", 1))
+    found = identify(folder, tmp_path / "twin", episodes=["0001", "0002"], poses="object_poses.csv", options=QUICK)
+    wide, usual = found.twin.nuisance["contact_offset"], two.twin.nuisance["contact_offset"]
+    assert np.diff(wide.interval) > 1.1 * np.diff(usual.interval)
+    assert wide.identifiable
+    assert not usual.identifiable  # the interval is mostly that of the prior
+
+
+def test_forces_on_the_pusher_tell_the_mass_though_the_log_is_late(capture, tmp_path):
+    folder, late, mass = tmp_path / "capture", 0.03, 2.5
+    shutil.copytree(capture, folder)
+    read, pushed = load_capture(folder), log(0.0, 0.008)
+    scene = make_scene(read.object.mesh_path, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
+    start, motion = Pose(LEVEL[None], read.object.X_WO.p[None]), pusher_motion(pushed, 0.0, 192, 1 / 240)
+    parameters = Parameters.nominal(scene.model, **TRUTH)
+    felt = np.cumsum(pusher_impulses(scene, parameters, start, motion)[:, 0], 0) * mass / float(parameters.mass)
+    felt = np.stack([np.interp(pushed.t, np.arange(1, 193) / 240, felt[:, axis]) for axis in range(3)], -1)
+    force = np.diff(felt, axis=0, prepend=felt[:1]) / np.diff(pushed.t, prepend=-0.005)[:, None]
+    write_push(folder, read, "0009", pushed)
+    shift = np.array([FRAME["frame_x"], FRAME["frame_y"], 0.0])
+    told = replace(pushed, t=pushed.t + late, p_WP=pushed.p_WP - shift, force_W=force)
+    write_trajectory(folder / "episodes/0009/trajectory.csv", told)
+    twin = identify(folder, tmp_path / "twin", episodes=["0009"], poses="object_poses.csv", options=QUICK).twin
+    assert twin.nuisance["time_offset"].value == pytest.approx(late, abs=0.01)
+    # A pusher that slides an object along feels friction: the product is what it tells.
+    found = twin.theta["mass"].value * twin.theta["friction_floor"].value
+    assert found == pytest.approx(mass * TRUTH["friction_floor"], rel=0.05)
 
 
 def test_the_frame_predicts_another_push_of_the_same_robot(two, capture):
