@@ -45,12 +45,7 @@ _FEW = 6  # lines that are told one by one
 def run_calibration(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Calibrate the station."""
     found, _ = calibrate(lab.path, lab.station.parent, progress)
-    reached = found.accuracy
-    return [
-        f"points of the workspace are seen within {1e3 * reached.median:.2f} mm of their places, the worst within "
-        f"{1e3 * reached.worst:.2f} mm (95 %)",
-        *found.notes,
-    ]
+    return [found.accuracy.words(), *found.notes]
 
 
 def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:

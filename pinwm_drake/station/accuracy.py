@@ -33,6 +33,13 @@ class Accuracy:
     height: float
     tilt: float
 
+    def words(self) -> str:
+        """How well points of the workspace are seen, in words."""
+        return (
+            f"points of the workspace are seen within {1e3 * self.median:.2f} mm of their places, the worst within "
+            f"{1e3 * self.worst:.2f} mm (95 %)"
+        )
+
 
 def degrees_of_freedom(solution: Solution) -> float:
     """Number of redundant values that the robot told: all errors of a calibration come from these above all."""

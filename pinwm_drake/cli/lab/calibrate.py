@@ -51,8 +51,7 @@ def words(found: "Calibration") -> list[str]:
         "off on each axis",
         f"robot: {1e3 * noise.place:.2f} mm and {np.degrees(noise.angle):.3f} degrees off on each axis, over "
         f"{sum(block.trusted for block in found.solution.bundle.told)} poses",
-        f"points of the workspace are seen within {1e3 * reached.median:.2f} mm of their places, the worst within "
-        f"{1e3 * reached.worst:.2f} mm (95 %)",
+        reached.words(),
         f"table: z = {1e3 * table.height:.2f} mm in W, within {1e3 * reached.height:.2f} mm; tilt "
         f"{np.degrees(table.tilt):.3f} degrees, within {np.degrees(reached.tilt):.3f} (95 %)",
     ]
