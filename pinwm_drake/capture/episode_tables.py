@@ -3,7 +3,6 @@
 
 import math
 import os
-import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
 from pinwm_drake.capture.scene import FARTHEST, UNIT_NORM
 from pinwm_drake.documents import LONGEST_TEXT
 from pinwm_drake.errors import InputError
-from pinwm_drake.reading.tables import read_rows
+from pinwm_drake.reading.tables import cell_number, read_rows
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")
@@ -24,7 +23,6 @@ VELOCITY, FORCE = ("vx", "vy", "vz"), ("fx", "fy", "fz")
 # How far a frame may be outside the pusher's log [s]: times printed with six decimals.
 _ROUNDING = 1.5e-6
 _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _LATEST = 1e11  # s; seconds since 1970 are well below
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 
@@ -49,9 +47,8 @@ class Table:
         values = np.full((len(self.lines), len(columns)), np.nan)
         for row in range(len(self.lines)):
             for k, column in enumerate(columns):
-                text = self.cells[column][row].strip()
-                value = float(text) if _NUMBER.fullmatch(text) else math.nan
-                if abs(value) <= bound and math.isfinite(value):
+                value = cell_number(self.cells[column][row])
+                if abs(value) <= bound:
                     values[row, k] = value
                 else:
                     self.refuse(self.refusal(row, column, allowed))

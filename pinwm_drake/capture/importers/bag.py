@@ -105,7 +105,7 @@ def read_bag_log(path: Path, topics: str | None = None) -> Columns:
                 for key, column in table.items()
                 if key not in values
             }
-    return Columns(path, values, np.arange(1, len(values["t"]) + 1), "t", tuple(notes))
+    return Columns(path, values, np.arange(1, len(values["t"]) + 1), "t", tuple(notes), si=True)
 
 
 @contextmanager
