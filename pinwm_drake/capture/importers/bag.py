@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from pinwm_drake.capture.importers.film import Columns, Film, in_order
+from pinwm_drake.capture.importers.film import Columns, Film, counted, in_order
 from pinwm_drake.errors import InputError, require_package
 from pinwm_drake.reading.contents import guarded
 
@@ -75,7 +75,8 @@ def read_bag_log(path: Path, topics: str | None = None) -> Columns:
     """Read poses of the pusher, and velocities and forces, from topics of a recording.
 
     Columns are t, px to pz, qw to qz, vx to vz and fx to fz, as far as the topics have them. The stamps are those of
-    the first topic; others are interpolated.
+    the first topic; others are interpolated, and rows more than an interval before or after these are
+    dropped.
 
     Args:
         path: The recording.
@@ -97,15 +98,15 @@ def read_bag_log(path: Path, topics: str | None = None) -> Columns:
             table, told = _numbers(path, reader, connection, child)
             notes += told
             if not values:
-                values = table
+                values, rows = table, np.arange(1, len(table["t"]) + 1)
                 continue
             t, order = values["t"], np.argsort(table["t"], kind="stable")
-            values |= {
-                key: np.interp(t, table["t"][order], column[order])
-                for key, column in table.items()
-                if key not in values
-            }
-    return Columns(path, values, np.arange(1, len(values["t"]) + 1), "t", tuple(notes), si=True)
+            slack = float(np.ptp(table["t"])) / max(len(order) - 1, 1)
+            inside = (t >= table["t"].min() - slack) & (t <= table["t"].max() + slack)
+            notes += [f"{counted(int((~inside).sum()), 'row')} outside of {topic} dropped"] if not inside.all() else []
+            more = {key: np.interp(t, table["t"][order], one[order]) for key, one in table.items() if key not in values}
+            rows, values = rows[inside], {key: one[inside] for key, one in (values | more).items()}
+    return Columns(path, values, rows, "t", tuple(notes), si=True)
 
 
 @contextmanager
