@@ -63,12 +63,12 @@ class Table:
             self.refuse(self.refusal(row, "t", allowed))
         return times
 
-    def quaternions(self) -> np.ndarray:
-        """Return the unit quaternions (rows, 4), wxyz, normalised to rounding."""
+    def quaternions(self, unit_norm: float = UNIT_NORM) -> np.ndarray:
+        """Return the unit quaternions (rows, 4), wxyz, normalised; their norms may be 1 to within `unit_norm`."""
         values = self.numbers(QUATERNION)
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(values, axis=-1, keepdims=True)
-        for row in np.nonzero(np.abs(norms[:, 0] - 1) > UNIT_NORM)[0].tolist():
+        for row in np.nonzero(np.abs(norms[:, 0] - 1) > unit_norm)[0].tolist():
             cells = ", ".join(quote(self.cells[column][row]) for column in QUATERNION)
             found = f"({cells}), of norm {norms[row, 0]:.6g}"
             self.refuse(self.refusal(row, "qw, qx, qy, qz", "a quaternion (w, x, y, z) of norm 1", found))
@@ -76,7 +76,11 @@ class Table:
 
 
 def read_table(
-    path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = (), refuse: Refuse = raise_it
+    path: Path,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...] = (),
+    refuse: Refuse = raise_it,
+    forms: tuple[tuple[str, ...], ...] = (),
 ) -> Table:
     """Read a CSV file with a header, one row or more, and its columns in any order.
 
@@ -84,17 +88,19 @@ def read_table(
         path: The file.
         columns: The columns that it has to have.
         optional: Columns that it may have besides, all of them or none.
+        forms: Columns that it may have in place of `columns`.
         refuse: Receives the problems of the table's rows and cells.
 
     Raises:
         InputError: The file cannot be read, has other columns, or no rows; the message names the line.
     """
-    allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
+    allowed = "columns " + " or ".join(map(",".join, (columns, *forms)))
+    allowed += f" and, if measured, {','.join(optional)}" if optional else ""
     (_, names), *rows = read_rows(path) or [(1, [])]
     header = [name.strip() for name in names]
     while rows and not rows[-1][1]:
         rows.pop()  # empty lines at the end
-    if sorted(header) not in (sorted(columns), sorted((*columns, *optional))):
+    if sorted(header) not in map(sorted, (columns, (*columns, *optional), *forms)):
         raise InputError(path, row=1, value=quote(",".join(header)), allowed=allowed)
     if not rows:
         raise InputError(path, value="no row below the header", allowed="one row or more")

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import torch
 import trimesh
-import yaml
 
 from pinwm_drake.capture.episode_tables import read_pose_table
 from pinwm_drake.capture.paths import is_file
 from pinwm_drake.capture.scene import CAPTURE_FILE, load_unfinished
+from pinwm_drake.documents import yaml_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import read_shots, written_masks
 from pinwm_drake.files import replacing
@@ -91,8 +91,7 @@ def write_pose(folder: Path, X_WO: Pose) -> None:
     pose = {"p": [round(x, 6) for x in X_WO.p.tolist()], "q": [round(x, 9) for x in X_WO.q.tolist()]}
     document.setdefault("object", {})["X_WO"] = pose
     with replacing(path) as temporary:
-        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(yaml_text(document), encoding="utf-8")
 
 
 def _of_table(outlines: Outlines, mesh: trimesh.Trimesh, path: Path) -> StartPose:

@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-
 from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS
 from pinwm_drake.capture.static_views import TRANSFORMS, is_picture
-from pinwm_drake.documents import Document, Text, finite, read_yaml, schema_version
+from pinwm_drake.documents import Document, Text, finite, read_yaml, schema_version, yaml_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.station.document import STATION_FILE, Station, load_station
@@ -161,5 +159,4 @@ def write_scene(lab: LabFolder) -> None:
     }
     prepare_folder(lab.capture)
     with replacing(lab.scene) as temporary:
-        text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(yaml_text(document), encoding="utf-8")

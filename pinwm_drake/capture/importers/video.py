@@ -37,7 +37,10 @@ def read_video(path: Path, rate: float | None = None) -> Film:
     capture, stamps = _opened(path), list[float]()
     try:
         announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        while len(stamps) < _MOST_FRAMES and capture.grab():
+        while capture.grab():
+            if len(stamps) == _MOST_FRAMES:
+                allowed = f"{_MOST_FRAMES} frames at most: cut out the part with the push"
+                raise InputError(path, value="more of them", allowed=allowed)
             stamps.append(1e-3 * float(capture.get(cv2.CAP_PROP_POS_MSEC)))
     finally:
         capture.release()
