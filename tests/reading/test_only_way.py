@@ -54,7 +54,6 @@ EXCEPTIONS = {
     ("models/paint.py", "path.read_text"),  # makes meshes that ship
     ("report/video.py", "cv2.VideoCapture"),  # the film that was just written
     ("capture/importers/video.py", "cv2.VideoCapture"),  # after `opened`, as a film is decoded from its file only
-    ("capture/importers/csv_log.py", "csv.reader"),  # of a text that `read_text` gave; other separators than a comma
     ("guide/record.py", "given.open"),  # for its SHA-256
 }
 

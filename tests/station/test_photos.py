@@ -61,7 +61,8 @@ def made(tmp_path_factory):
     for k, X_BC in enumerate(ring((X_BM @ np.array([0.126, 0.084, 0.0, 1.0]))[:3])):
         cv2.imwrite(str(photos / f"{k}.png"), lab.draw(inverse(X_BC) @ X_BM, X_BC))
         truth.append(X_WB @ X_BC)
-    p_M = np.concatenate([LAB.printed_board().corners_M - np.array([0, 0, up]) for up in (0.0, 0.05, 0.1)])  # z_M is down
+    corners = LAB.printed_board().corners_M
+    p_M = np.concatenate([corners - np.array([0, 0, up]) for up in (0.0, 0.05, 0.1)])  # z of M is down
     return photos, load_station(folder / "station.yaml"), np.array(truth), apply(X_WB @ X_BM, p_M)
 
 

@@ -13,13 +13,16 @@ import cv2
 import numpy as np
 
 from pinwm_drake.capture.importers.film import Columns, Film, counted, in_order
+from pinwm_drake.capture.paths import is_folder
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError, require_package
-from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.contents import guarded, require_contents
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
+METADATA = "metadata.yaml"
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 _PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _POSES = (
@@ -39,6 +42,7 @@ _ENCODINGS = {
         ("gbrg", cv2.COLOR_BAYER_GR2RGB), ("grbg", cv2.COLOR_BAYER_GB2RGB),
     )},
 }  # fmt: skip
+_MOST_BYTES = 2**40
 _ALLOWED = "a recording of ROS that rosbags reads"
 
 
@@ -115,6 +119,13 @@ def _reader(path: Path) -> "Iterator[AnyReader]":
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    if is_folder(path):  # rosbags would follow each alias, and wait for pipes
+        about = read_yaml(path / METADATA)["rosbag2_bagfile_information"]["relative_file_paths"]
+        files = [path / Path(one.text()).name for one in about.items()]
+    else:
+        files = [path]
+    for file in files:
+        require_contents(file, _MOST_BYTES)
     with guarded(path, _ALLOWED), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         yield reader
 

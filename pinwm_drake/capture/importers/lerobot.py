@@ -22,7 +22,7 @@ from pinwm_drake.capture.importers.video import read_video
 from pinwm_drake.capture.paths import is_file, require_file
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError, require_package
-from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.contents import guarded, require_contents
 
 INFO, EPISODES = "meta/info.json", "meta/episodes"
 _V2 = (
@@ -33,6 +33,7 @@ _V3 = (
     "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
 )
+_MOST_BYTES = 2**36
 _OWN = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
 
@@ -79,7 +80,8 @@ class _DataSet:
         }
         with guarded(self.info.path, f"a pattern of file names for {key}"):
             name = pattern.format(video_key=video_key, **numbers)
-        return require_file(self.folder / name, f"the file of episode {self.number} that {INFO} names")
+        file = require_file(self.folder / name, f"the file of episode {self.number} that {INFO} names")
+        return require_contents(file, _MOST_BYTES)
 
 
 def is_lerobot(path: Path) -> bool:
@@ -164,6 +166,7 @@ def _open(path: Path, number: int) -> _DataSet:
         found: list[dict[str, Any]] = []
         for file in files:
             with guarded(file, "a whole parquet file"):
+                require_contents(file, _MOST_BYTES)
                 names = [one for one in pyarrow.parquet.read_schema(file).names if not one.startswith("stats/")]
                 filters = [("episode_index", "=", number)]
                 found += pyarrow.parquet.read_table(file, columns=names, filters=filters).to_pylist()
