@@ -67,6 +67,14 @@ def test_a_log_that_is_cut_ends_with_its_last_event(log):
     assert read_log(log).notes == ("the log is cut within event 14",)
 
 
+def test_a_file_that_gives_nothing_is_refused(tmp_path):
+    (tmp_path / "a.lcm").symlink_to("/proc/self/mem")  # its reading fails
+    with pytest.raises(InputError, match="Input/output error"):
+        list(events(tmp_path / "a.lcm"))
+    with pytest.raises(InputError, match=r"a file \.lcm; allowed: a video"):
+        read_film(tmp_path / "a.lcm")
+
+
 def test_what_is_wrong_is_named(log):
     with pytest.raises(InputError, match=re.escape("channel 'X'; allowed: --topic with one of IMAGES")):
         read_film(log, topic="X")

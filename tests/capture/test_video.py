@@ -81,7 +81,7 @@ def test_a_rate_replaces_the_stamps(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"not a video" * 100])
 def test_what_is_no_video_is_refused(tmp_path, content):
     (tmp_path / "push.mp4").write_bytes(content)
-    with pytest.raises(InputError, match=r"push\.mp4: got contents that are no video"):
+    with pytest.raises(InputError, match=r"push\.mp4: (no contents|got contents that are no video)"):
         read_video(tmp_path / "push.mp4")
 
 

@@ -35,7 +35,7 @@ _PLAIN, _ZLIB = 0, 1
 def is_lcm_log(path: Path) -> bool:
     """Flag: a file begins like an event log of LCM."""
     try:
-        with opened(path, _MOST_BYTES) as file:
+        with guarded(path, "a file that can be read"), opened(path, _MOST_BYTES) as file:
             return file.read(4) == struct.pack(">I", _SYNC)
     except InputError:
         return False
@@ -95,7 +95,7 @@ def events(path: Path, notes: list[str] | None = None) -> Iterator[tuple[str, fl
     Raises:
         InputError: It is no event log, or an event does not begin as one.
     """
-    with opened(path, _MOST_BYTES) as file:
+    with guarded(path, "an event log of LCM"), opened(path, _MOST_BYTES) as file:
         number = 0
         while len(head := file.read(_HEAD.size)) == _HEAD.size:
             number += 1
