@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
+import yaml
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.reading.contents import read_text
-from pinwm_drake.reading.trees import MOST_JSON, MOST_YAML, parse_json, parse_yaml
+from pinwm_drake.reading.trees import MOST_JSON, MOST_YAML, YamlDumper, parse_json, parse_yaml
 from pinwm_drake.validation import Problem, all_problems, first_problem, place
 
 LONGEST_TEXT = 1000  # characters: names and paths
@@ -104,9 +105,7 @@ class Entry:
         """
         if not isinstance(self.value, dict):
             raise self.refusal("a mapping with keys")
-        if key not in self.value:
-            return None
-        return Entry(self.path, f"{self.place}.{key}" if self.place else key, self.value[key])
+        return Entry(self.path, self._below((key,)), self.value[key]) if key in self.value else None
 
     def __getitem__(self, key: str) -> "Entry":
         """Return the entry under a key.
@@ -114,10 +113,9 @@ class Entry:
         Raises:
             InputError: There is no such key, or this entry is not a mapping.
         """
-        entry = self.find(key)
-        if entry is None:
-            place = f"{self.place}.{key}" if self.place else key
-            raise InputError(self.path, value=f"no {place}", allowed=f"a value under {place}")
+        if (entry := self.find(key)) is None:
+            where = self._below((key,))
+            raise InputError(self.path, value=f"no {where}", allowed=f"a value under {where}")
         return entry
 
     def only(self, *keys: str) -> None:
@@ -130,9 +128,8 @@ class Entry:
             raise self.refusal("a mapping with keys")
         for key in self.value:
             if key not in keys:
-                name = _quoted(key)
-                where = f" under {self.place}" if self.place else ""
-                raise InputError(self.path, value=f"an unknown key {name}{where}", allowed=", ".join(keys))
+                found = f"an unknown key {_quoted(key)}" + (f" under {self.place}" if self.place else "")
+                raise InputError(self.path, value=found, allowed=", ".join(keys))
 
     def without(self, key: str, reason: str) -> "Entry":
         """Entry without a key that has no effect any more; the first time in a process, a warning names it.
@@ -271,6 +268,12 @@ def read_yaml(path: Path) -> Entry:
         InputError: It is missing, unreadable, not YAML, too long or too deep; the message names the line.
     """
     return Entry(path, "", parse_yaml(read_text(path, MOST_YAML), path))
+
+
+def yaml_text(value: Any) -> str:
+    """Text of plain data in its order, which `read_yaml` reads as the same values; tuples become lists."""
+    text = yaml.dump(value, Dumper=YamlDumper, default_flow_style=None, sort_keys=False, allow_unicode=True, width=110)
+    return str(text)
 
 
 def _quoted(value: object) -> str:

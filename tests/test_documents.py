@@ -2,10 +2,22 @@
 import math
 from typing import Annotated, Literal
 
+import numpy as np
 import pytest
 from pydantic import Field
 
-from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version
+from pinwm_drake.documents import (
+    Document,
+    Entry,
+    FromList,
+    Number,
+    Text,
+    finite,
+    in_words,
+    read_yaml,
+    schema_version,
+    yaml_text,
+)
 from pinwm_drake.errors import InputError
 from pinwm_drake.reading.contents import read_bytes
 
@@ -77,3 +89,17 @@ def test_places_begin_with_that_of_the_entry_and_all_problems_are_told(tmp_path)
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nothing\.bin: no such file"):
         read_bytes(tmp_path / "nothing.bin")
+
+
+TEXTS = ["1e3", "-.5E2", "1_0", "0x1f", "012", "1:30", "yes", "null", "~", "=", "<<", "2024-01-01", ".nan", "- a"]
+
+
+def test_what_is_written_is_read_as_the_same_values(tmp_path):
+    random = np.random.default_rng(0)
+    alphabet = list("aé🦆 :-#'\"\n\t\r\x85\u2028\ufeff\x7f\x1b\\{}[],&*!|>%@`?0.eE+_~")
+    texts = TEXTS + ["".join(random.choice(alphabet, random.integers(0, 200))) for _ in range(1000)]
+    numbers = [1e-300, 1e300, -0.1, 1 / 3, 1e16, 5e-324, 0, -(2**70), True, None, [], {}]
+    value = {"texts": texts, "numbers": numbers, "same": [numbers, numbers], **{text[:50]: text for text in texts}}
+    (tmp_path / "a.yaml").write_text(yaml_text(value), encoding="utf-8", newline="")
+    assert read_yaml(tmp_path / "a.yaml").value == value
+    assert yaml_text({"a": (1, 2)}) == "a: [1, 2]\n"

@@ -17,6 +17,7 @@ import torch
 import trimesh
 import yaml
 
+from benchmarks.hardening.lab_samples import LAB_SAMPLES
 from benchmarks.hardening.mutations import dump_yaml, plain_yaml
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.importers.colmap import read_model
@@ -55,7 +56,7 @@ from tests.learning.bundles import image_spec, untrained_policy
 from tests.rendering.boxes import box, views_around
 from tests.rendering.scenes import cloud
 
-Make = Callable[[Path], None]
+Make = Callable[[Path], object]
 Read = Callable[[Path], object]
 _LARGE = 2**25  # bytes
 _ABOUT = {"a": 1, "options": {"b": [2.0]}}
@@ -315,4 +316,5 @@ READERS: dict[str, Reader] = {
     "policy": Reader(_policy, read_policy, _rehash_arrays, r".*\.npz"),
     "bundle": Reader(_bundle, read_bundle, _rehash_bundle, ".*"),
     "scenario": Reader(_scenario, lambda folder: load_setup(folder / "a.scenario.yaml")),
+    **{name: Reader(make, read) for name, (make, read) in LAB_SAMPLES.items()},
 }

@@ -5,9 +5,7 @@ import os
 from pathlib import Path
 from typing import Annotated
 
-import yaml
-
-from pinwm_drake.documents import Document, FromList, Number, Text, finite, read_yaml, schema_version
+from pinwm_drake.documents import Document, FromList, Number, Text, finite, read_yaml, schema_version, yaml_text
 from pinwm_drake.files import replacing
 
 CLOCK_FILE = "clock.yaml"
@@ -58,7 +56,5 @@ def write_clock(folder: Path, clock: EpisodeClock) -> None:
         InputError: The file cannot be written.
     """
     head = "# Clock of the images against the pusher's log; the times in frames.csv are on the log's clock already.\n"
-    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in clock.model_dump().items()}
-    text = yaml.safe_dump(plain, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
     with replacing(folder / CLOCK_FILE) as temporary:
-        temporary.write_text(head + text, encoding="utf-8")
+        temporary.write_text(head + yaml_text(clock.model_dump()), encoding="utf-8")

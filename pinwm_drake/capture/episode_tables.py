@@ -3,7 +3,6 @@
 
 import math
 import os
-import re
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from pinwm_drake.capture.refusals import Refuse, attempt, raise_it
 from pinwm_drake.capture.scene import FARTHEST, UNIT_NORM
 from pinwm_drake.documents import LONGEST_TEXT
 from pinwm_drake.errors import InputError
-from pinwm_drake.reading.tables import read_rows
+from pinwm_drake.reading.tables import cell_number, read_rows
 
 FRAMES_FILE, TRAJECTORY_FILE, POSES_FILE = "frames.csv", "trajectory.csv", "object_poses.csv"
 FRAME_COLUMNS = ("frame", "file_path", "t")
@@ -24,7 +23,6 @@ VELOCITY, FORCE = ("vx", "vy", "vz"), ("fx", "fy", "fz")
 # How far a frame may be outside the pusher's log [s]: times printed with six decimals.
 _ROUNDING = 1.5e-6
 _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _LATEST = 1e11  # s; seconds since 1970 are well below
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 
@@ -49,9 +47,8 @@ class Table:
         values = np.full((len(self.lines), len(columns)), np.nan)
         for row in range(len(self.lines)):
             for k, column in enumerate(columns):
-                text = self.cells[column][row].strip()
-                value = float(text) if _NUMBER.fullmatch(text) else math.nan
-                if abs(value) <= bound and math.isfinite(value):
+                value = cell_number(self.cells[column][row])
+                if abs(value) <= bound:
                     values[row, k] = value
                 else:
                     self.refuse(self.refusal(row, column, allowed))
@@ -66,12 +63,12 @@ class Table:
             self.refuse(self.refusal(row, "t", allowed))
         return times
 
-    def quaternions(self) -> np.ndarray:
-        """Return the unit quaternions (rows, 4), wxyz, normalised to rounding."""
+    def quaternions(self, unit_norm: float = UNIT_NORM) -> np.ndarray:
+        """Return the unit quaternions (rows, 4), wxyz, normalised; their norms may be 1 to within `unit_norm`."""
         values = self.numbers(QUATERNION)
         with np.errstate(over="ignore"):
             norms = np.linalg.norm(values, axis=-1, keepdims=True)
-        for row in np.nonzero(np.abs(norms[:, 0] - 1) > UNIT_NORM)[0].tolist():
+        for row in np.nonzero(np.abs(norms[:, 0] - 1) > unit_norm)[0].tolist():
             cells = ", ".join(quote(self.cells[column][row]) for column in QUATERNION)
             found = f"({cells}), of norm {norms[row, 0]:.6g}"
             self.refuse(self.refusal(row, "qw, qx, qy, qz", "a quaternion (w, x, y, z) of norm 1", found))
@@ -79,7 +76,11 @@ class Table:
 
 
 def read_table(
-    path: Path, columns: tuple[str, ...], optional: tuple[str, ...] = (), refuse: Refuse = raise_it
+    path: Path,
+    columns: tuple[str, ...],
+    optional: tuple[str, ...] = (),
+    refuse: Refuse = raise_it,
+    forms: tuple[tuple[str, ...], ...] = (),
 ) -> Table:
     """Read a CSV file with a header, one row or more, and its columns in any order.
 
@@ -87,17 +88,19 @@ def read_table(
         path: The file.
         columns: The columns that it has to have.
         optional: Columns that it may have besides, all of them or none.
+        forms: Columns that it may have in place of `columns`.
         refuse: Receives the problems of the table's rows and cells.
 
     Raises:
         InputError: The file cannot be read, has other columns, or no rows; the message names the line.
     """
-    allowed = f"columns {','.join(columns)}" + (f" and, if measured, {','.join(optional)}" if optional else "")
+    allowed = "columns " + " or ".join(map(",".join, (columns, *forms)))
+    allowed += f" and, if measured, {','.join(optional)}" if optional else ""
     (_, names), *rows = read_rows(path) or [(1, [])]
     header = [name.strip() for name in names]
     while rows and not rows[-1][1]:
         rows.pop()  # empty lines at the end
-    if sorted(header) not in (sorted(columns), sorted((*columns, *optional))):
+    if sorted(header) not in map(sorted, (columns, (*columns, *optional), *forms)):
         raise InputError(path, row=1, value=quote(",".join(header)), allowed=allowed)
     if not rows:
         raise InputError(path, value="no row below the header", allowed="one row or more")

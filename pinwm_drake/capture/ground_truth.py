@@ -4,8 +4,8 @@
 from pathlib import Path
 
 import numpy as np
-import yaml
 
+from pinwm_drake.documents import yaml_text
 from pinwm_drake.files import replacing
 
 GROUND_TRUTH_FILE = "ground_truth.yaml"
@@ -38,4 +38,4 @@ def write_ground_truth(
     }
     with replacing(folder / GROUND_TRUTH_FILE) as temporary:
         text = "# SI units; inertia about the centre of mass, axes of O. To score with, not to fit.\n"
-        temporary.write_text(text + yaml.safe_dump(truth, sort_keys=False), encoding="utf-8")
+        temporary.write_text(text + yaml_text(truth), encoding="utf-8")

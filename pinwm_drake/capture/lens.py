@@ -77,6 +77,8 @@ class Lens:
     def project_with_jacobian(self, p_C: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pixels (N, 2) of points p_C (N, 3) [m], their derivatives by p_C (N, 2, 3) [px/m] and by `parameters`."""
         points, zero = np.ascontiguousarray(p_C, float).reshape(-1, 1, 3), np.zeros(3)
+        if not len(points):  # OpenCV has no empty arrays
+            return np.zeros((0, 2)), np.zeros((0, 2, 3)), np.zeros((0, 2, len(self.parameters)))
         project = cv2.projectPoints if self.model == "opencv" else cv2.fisheye.projectPoints
         pixels, found = project(points, zero, zero, self.opencv_matrix, self.distortion)
         jacobian = np.asarray(found).reshape(len(points), 2, -1)
@@ -90,6 +92,8 @@ class Lens:
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Rays (N, 2) = (x / z, y / z) of pixels (N, 2); NaN where the model has none, or none in front."""
         points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2) - 0.5
+        if not len(points):
+            return np.zeros((0, 2))
         end = cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, _STEPS, _EXACT
         if self.model == "opencv":
             found = cv2.undistortPointsIter(points, self.opencv_matrix, self.distortion, None, None, end)  # type: ignore[call-overload]

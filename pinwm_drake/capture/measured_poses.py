@@ -13,13 +13,11 @@ from pinwm_drake.capture.episode_tables import (
     QUATERNION,
     ObjectPoses,
     PusherTrajectory,
-    quote,
     read_table,
 )
 from pinwm_drake.capture.episodes import Episode
 from pinwm_drake.capture.scene import FARTHEST
 from pinwm_drake.errors import InputError
-from pinwm_drake.reading.tables import read_rows
 from pinwm_drake.spatial.poses import Pose
 
 _XYZ, _PLANAR = ("x", "y", "z"), ("x", "y", "yaw")
@@ -73,16 +71,9 @@ def read_measured_poses(path: Path, X_WO: Pose) -> MeasuredPoses:
     Raises:
         InputError: The table cannot be used; the message names row, column, value, and what is allowed.
     """
-    rows = read_rows(path)
-    header = {name.strip() for name in rows[0][1]} if rows else set()
-    planar = "yaw" in header
-    position = _PLANAR[:2] if planar else _XYZ if "x" in header else POSITION
-    whole = ("t", *_PLANAR) if planar else ("t", *position, *QUATERNION)
-    if rows and header != set(whole):
-        forms = (("t", *POSITION, *QUATERNION), ("t", *_XYZ, *QUATERNION), ("t", *_PLANAR))
-        allowed = "columns " + " or ".join(",".join(names) for names in forms)
-        raise InputError(path, row=1, value=quote(",".join(rows[0][1])), allowed=allowed)
-    table = read_table(path, whole)
+    table = read_table(path, ("t", *POSITION, *QUATERNION), forms=(("t", *_XYZ, *QUATERNION), ("t", *_PLANAR)))
+    planar = "yaw" in table.cells
+    position = _PLANAR[:2] if planar else _XYZ if "x" in table.cells else POSITION
     t, p = table.times(), table.numbers(position, FARTHEST)
     if len(t) < _FEWEST:
         raise InputError(path, value=f"{len(t)} row", allowed=f"{_FEWEST} or more")

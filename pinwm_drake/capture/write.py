@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from pinwm_drake.capture.episode_tables import (
     FORCE,
@@ -24,6 +23,7 @@ from pinwm_drake.capture.episode_tables import (
 )
 from pinwm_drake.capture.episodes import CAMERA_FILE
 from pinwm_drake.capture.scene import CAPTURE_FILE, SCHEMA_VERSION, UNITS, PusherShape
+from pinwm_drake.documents import yaml_text
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
@@ -71,8 +71,7 @@ def write_capture_yaml(
         "pusher": {"mesh": pusher_mesh, "shape": shape},
         "floor": {"height": float(floor_height)},
     }
-    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
-    _write_text(prepare_folder(folder) / CAPTURE_FILE, text)
+    _write_text(prepare_folder(folder) / CAPTURE_FILE, yaml_text(document))
 
 
 def write_posed_images(path: Path, frames: list[tuple[str, Camera, Pose]]) -> None:

@@ -7,6 +7,7 @@ The module of a command is imported when the command is called or completed, so 
 """
 
 import ast
+import errno
 import importlib
 import os
 import pkgutil
@@ -127,11 +128,13 @@ def _options(
 
 
 @contextmanager
-def _told_of_memory() -> Iterator[None]:
-    """Context in which any library's error for want of memory is a PinwmError."""
+def _told() -> Iterator[None]:
+    """Context in which any library's error for want of memory, or for a name that no file can have, is a PinwmError."""
     try:
         yield
     except (MemoryError, RuntimeError, OSError, ImportError) as error:
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG and error.filename:
+            raise InputError(error.filename, value=error.strerror, allowed="a shorter name") from error
         words = str(error)
         limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
         short = isinstance(error, MemoryError) or "allocate memory" in words or (limited and "shared object" in words)
@@ -156,7 +159,7 @@ def main() -> None:
     take_any_terminal()
     try:
         _require_working_folder()
-        with quiet(), _told_of_memory():
+        with quiet(), _told():
             app(prog_name="pinwm")
     except PinwmError as error:
         text, near = str(error), nearest(error)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import typer
-import yaml
 from rich.markup import escape
 
 import pinwm_drake
@@ -203,6 +202,7 @@ def write_config(request: Any, command: str) -> None:
         request: The request. A result that was not asked for, or is not there, has none.
         command: Name of the command.
     """
+    from pinwm_drake.documents import yaml_text
     from pinwm_drake.files import replacing
 
     document: dict[str, Any] = {"command": command, "version": pinwm_drake.__version__}
@@ -214,7 +214,7 @@ def write_config(request: Any, command: str) -> None:
             path = value / end if field.shown.result == "inside" else value.with_name(f"{value.stem}.{end}")
     if path is not None and path.parent.is_dir():
         with replacing(path) as temporary:
-            temporary.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8")
+            temporary.write_text(yaml_text(document), encoding="utf-8")
 
 
 def _yaml(value: Any) -> Any:

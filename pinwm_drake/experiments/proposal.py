@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-import yaml
 
 from pinwm_drake.capture.write import write_trajectory
+from pinwm_drake.documents import yaml_text
 from pinwm_drake.experiments.next_push import Candidate, Proposal, trajectory_of
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
@@ -161,7 +161,7 @@ def write_proposal(folder: Path, twin: Twin, proposal: Proposal) -> list[Path]:
     }
     path = folder / "push.yaml"
     with replacing(path) as temporary:
-        temporary.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        temporary.write_text(yaml_text(document), encoding="utf-8")
     write_trajectory(folder / "trajectory.csv", trajectory_of(motion))
     motions = [one.motion for one in proposal.candidates]
     next_push_figure(

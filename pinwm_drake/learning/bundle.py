@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import appearing
@@ -181,12 +180,6 @@ def read_bundle(bundle: str | Path) -> Bundle:
 
     network = within(_LONGEST_CHECK, checked, folder / ONNX_FILE)
     return Bundle(spec, limits, contract, provenance, provenance["sha256"], network, golden.mask_pixels())
-
-
-def contract_bytes(contract: Mapping[str, Any]) -> bytes:
-    """Contents of contract.yaml."""
-    content: bytes = yaml.safe_dump(dict(contract), sort_keys=False, width=120).encode()
-    return content
 
 
 def write_bundle(folder: Path, files: Mapping[str, bytes], provenance: Mapping[str, Any]) -> Bundle:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from pinwm_drake.documents import yaml_text
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.bundle import (
@@ -21,7 +22,6 @@ from pinwm_drake.learning.bundle import (
     ONNX_FILE,
     Bundle,
     check_golden,
-    contract_bytes,
     write_bundle,
 )
 from pinwm_drake.learning.contract import (
@@ -116,7 +116,7 @@ def export_policy(
     contract = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
     files = {
         ONNX_FILE: onnx_bytes(policy, estimate=estimate),
-        CONTRACT_FILE: contract_bytes(contract),
+        CONTRACT_FILE: yaml_text(dict(contract)).encode(),
         GOLDEN_FILE: golden.to_bytes(),
     }
     network = Network(files[ONNX_FILE], Path(ONNX_FILE), contract)

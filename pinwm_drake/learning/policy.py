@@ -9,11 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 import torch
-import yaml
 from torch import nn
 
 from pinwm_drake.checkpoints import read_arrays, write_arrays
-from pinwm_drake.documents import read_yaml
+from pinwm_drake.documents import read_yaml, yaml_text
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, state_actor
@@ -136,7 +135,7 @@ def write_parts(
     write_arrays(path.with_name(WEIGHTS_FILE), {"schema_version": _WEIGHTS_VERSION}, weights(network))
     document = {"schema_version": version, "spec": spec.to_document(), **settings, "provenance": dict(provenance)}
     with replacing(path) as temporary:
-        temporary.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True))
+        temporary.write_text(yaml_text(document), encoding="utf-8")
 
 
 def read_parts(

@@ -63,6 +63,18 @@ def opened(path: Path, most: int = MOST_BYTES) -> Iterator[BinaryIO]:
         yield file
 
 
+def require_contents(path: Path, most: int) -> Path:
+    """Return the path of a regular file that holds something, for a library that opens it by its name.
+
+    Raises:
+        InputError: As for `opened`, or it is empty or gives nothing without waiting.
+    """
+    with guarded(path, _CAN_BE_READ), opened(path, most) as file:
+        if not file.read(1):
+            raise InputError(path, value="no contents", allowed=_CAN_BE_READ)
+    return path
+
+
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Return the contents of a regular file of `most` bytes or less.
 

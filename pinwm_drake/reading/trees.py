@@ -38,6 +38,23 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
 _Loader.add_implicit_resolver(*YAML_FLOAT)
 
 
+class YamlDumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
+    """Plain data; a text that `parse_yaml` would take for a number, such as 1e3, or that has lines, is quoted."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Flag, always true: YAML's anchors are never written."""
+        return True
+
+
+def _text_node(dumper: YamlDumper, text: str) -> Any:
+    """Node of a text; PyYAML does not read all that has lines as it writes it, but in double quotes."""
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, None if text.isprintable() else '"')
+
+
+YamlDumper.add_implicit_resolver(*YAML_FLOAT)
+YamlDumper.add_representer(str, _text_node)
+
+
 def parse_json(content: bytes | str, path: Path) -> Any:
     """Return the value of a JSON text.
 

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import yaml
 from pydantic import Field, model_validator
 
 from pinwm_drake.capture.lens import DISTORTIONS, Lens, LensModel
+from pinwm_drake.capture.paths import is_folder
 from pinwm_drake.capture.scene import PoseDocument
-from pinwm_drake.documents import Document, FromList, Number, Text, finite, in_words, read_yaml, schema_version
+from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version, yaml_text
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.reading.contents import read_bytes
-from pinwm_drake.reading.trees import MOST_YAML, YAML_FLOAT
+from pinwm_drake.reading.trees import MOST_YAML, parse_yaml
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.station.lab import (
     CameraDocument,
@@ -35,13 +35,6 @@ _Interval = Annotated[tuple[Number, Number], FromList]
 _Row = Annotated[tuple[Number, ...], FromList]
 _Size = Annotated[int, Field(ge=1, le=16384)]
 _Hash = Annotated[str, in_words("64 hexadecimal digits", pattern="^[0-9a-f]{64}$")]
-
-
-class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
-    """Dumper that quotes texts which look like numbers to the reader."""
-
-
-_Dumper.add_implicit_resolver(*YAML_FLOAT)
 
 
 class _Units(Document):
@@ -159,9 +152,10 @@ def load_station(path: Path) -> Station:
     Raises:
         InputError: The file is missing or no YAML, a key is missing or unknown, or a value is out of range.
     """
-    file = path / STATION_FILE if path.is_dir() else path
-    document = read_yaml(file).read(StationDocument)
-    return Station(file, hashlib.sha256(read_bytes(file, MOST_YAML)).hexdigest(), document)
+    file = path / STATION_FILE if is_folder(path) else path
+    content = read_bytes(file, MOST_YAML)
+    document = Entry(file, "", parse_yaml(content, file)).read(StationDocument)
+    return Station(file, hashlib.sha256(content).hexdigest(), document)
 
 
 def write_station(path: Path, document: StationDocument) -> Station:
@@ -171,10 +165,9 @@ def write_station(path: Path, document: StationDocument) -> Station:
         InputError: The file cannot be written.
     """
     plain = document.model_dump(mode="json")
-    text = yaml.dump(plain, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=110)
     prepare_folder(path.parent)
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="")
+        temporary.write_text(yaml_text(plain), encoding="utf-8", newline="")
     return load_station(path)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pinwm_drake.capture.background import ALPHA
 from pinwm_drake.capture.clock import EpisodeClock, write_clock
 from pinwm_drake.capture.episode_tables import PusherTrajectory
 from pinwm_drake.capture.importers.columns import make_trajectory, parse_columns
@@ -188,8 +189,7 @@ def _offset(
     if sources.offset is not None:
         around = sources.offset
         if sources.exact:
-            ends = np.zeros(len(film.t)), np.full(len(film.t), np.inf)
-            return ClockFit(around, _GIVEN, 1.0, float("nan"), *ends)
+            return ClockFit(around, _GIVEN, 1.0, float("nan"))
     elif shared and overlap < -SPAN:
         found = f"stamps of another clock: {film.t[0]:.3f} s to {film.t[-1]:.3f} s"
         log = f"{trajectory.t[0]:.3f} s to {trajectory.t[-1]:.3f} s"
@@ -264,9 +264,14 @@ def _masks(path: Path, film: Film, numbers: np.ndarray, eye: Eye) -> Iterator[np
     if len(found.t) != len(film.t):
         found_words = f"{counted(len(found.t), 'mask')}"
         raise InputError(path, value=found_words, allowed=f"{len(film.t)}, one for each frame of the film")
+    brightest = 0
     for mask in found.frames(numbers.tolist()):
         eye.require_size(path, mask, "the size of the film")
-        yield np.where(eye.seen(mask[..., :3], outside=0).max(-1) >= 128, 255, 0).astype(np.uint8)
+        brightest = max(brightest, int(mask[..., :3].max()))
+        yield np.where(eye.seen(mask[..., :3], outside=0).max(-1) >= ALPHA, 255, 0).astype(np.uint8)
+    if brightest < ALPHA:  # as `read_mask` has it for a single one
+        allowed = f"0, and {ALPHA} to 255 on the object"
+        raise InputError(path, value=f"masks whose largest value is {brightest}", allowed=allowed)
 
 
 def _tell_doubts(capture: Capture, folder: Path, t: np.ndarray, trajectory: PusherTrajectory) -> None:

@@ -14,6 +14,7 @@ from pinwm_drake.capture.episodes import CAMERA_FILE, read_fixed_camera
 from pinwm_drake.capture.images import size_of
 from pinwm_drake.capture.importers.film import Film
 from pinwm_drake.capture.lens import Lens
+from pinwm_drake.capture.paths import is_file, is_folder
 from pinwm_drake.capture.remap import Remap
 from pinwm_drake.capture.scene import CAPTURE_FILE, EPISODES, Capture
 from pinwm_drake.capture.transforms import read_camera, read_pose, require_known
@@ -112,12 +113,12 @@ def read_eye(capture: Capture, file: Path | None, first: np.ndarray) -> Eye:
             allowed = "--camera FILE: a station.yaml, or intrinsics and pose of the camera as episodes/NAME/camera.json"
             raise InputError(capture.folder, value="no episode whose camera could be taken", allowed=allowed)
         file = capture.folder / EPISODES / capture.episode_names[-1] / CAMERA_FILE
-    if file.suffix in (".yaml", ".yml") or (file / STATION_FILE).is_file():
+    if file.suffix in (".yaml", ".yml") or is_file(file / STATION_FILE):
         station = load_station(file)
         require_station(capture.folder / CAPTURE_FILE, capture.station, station)
         eye = eye_of(station)
-    elif file.is_dir() or file.name == CAMERA_FILE:
-        eye = Eye(*read_fixed_camera(file if file.is_dir() else file.parent))
+    elif is_folder(file) or file.name == CAMERA_FILE:
+        eye = Eye(*read_fixed_camera(file if is_folder(file) else file.parent))
     else:
         document = read_json(file)
         require_known(document)

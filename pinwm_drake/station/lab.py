@@ -6,19 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import cv2
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
 
+from pinwm_drake.capture.episode_tables import QUATERNION, Table, read_table
 from pinwm_drake.capture.lens import LensModel
-from pinwm_drake.capture.paths import require_file
-from pinwm_drake.capture.scene import FARTHEST, PoseDocument, PusherDocument
+from pinwm_drake.capture.paths import is_folder, require_file
+from pinwm_drake.capture.scene import PoseDocument, PusherDocument
 from pinwm_drake.capture.static_views import is_picture
 from pinwm_drake.documents import Document, FromList, Number, Text, finite, read_yaml, schema_version
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.reading.pictures import opened_picture
-from pinwm_drake.reading.tables import read_rows
-from pinwm_drake.spatial.rigid import rigid
 from pinwm_drake.station.board import DEFAULT_DICTIONARY, RULER, Board
 from pinwm_drake.validation import Refusal
 
@@ -26,7 +25,7 @@ LAB_FILE, POSES_FILE = "lab.yaml", "robot.csv"
 LENS, ROBOT, TABLE = SETS = ("lens", "robot", "table")
 SCHEMA_VERSION = 1
 Mount = Literal["fixed", "hand"]
-_QUATERNION, _VECTOR, _ANGLES = ("qw", "qx", "qy", "qz"), ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
+_PLACE, _VECTOR, _ANGLES = ("x", "y", "z"), ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
 _LENGTHS, _TURNS = {"m": 1.0, "mm": 1e-3}, {"rad": 1.0, "deg": math.pi / 180.0}
 _UNIT_NORM = 1e-2  # quaternions of a robot's log may have three digits
 _FARTHEST, _NEAREST = 5.0, 0.02  # m: reach of a robot, and the least spread of its places
@@ -205,8 +204,7 @@ def load_lab(folder: Path) -> Lab:
     poses = read_poses(folder / POSES_FILE, document.robot.length, document.robot.angle)
     photos = []
     for kind in SETS:
-        paths = sorted(path for path in (folder / kind).glob("*") if is_picture(path))
-        for path in paths:
+        for path in photos_in(folder / kind):
             name = f"{kind}/{path.name}"
             if name not in poses and (kind == ROBOT or (kind == TABLE and document.mount == "hand")):
                 raise InputError(folder / POSES_FILE, value=f"no row of {name}", allowed="a row for each photo of it")
@@ -216,6 +214,21 @@ def load_lab(folder: Path) -> Lab:
         if name not in names:
             raise InputError(folder / POSES_FILE, value=f"a row of {name}, which is not there", allowed="photos there")
     return Lab(folder, document, photos)
+
+
+def photos_in(folder: Path) -> list[Path]:
+    """Photos in a folder, in the order of their names; none where there is no folder.
+
+    Raises:
+        InputError: Two names differ in their suffix only, or in case: what is written for one would replace the other.
+    """
+    found, seen = folder.glob("*") if is_folder(folder) else (), dict[str, Path]()
+    paths = sorted(path for path in found if is_picture(path))
+    for path in paths:
+        other = seen.setdefault(path.stem.casefold(), path)
+        if other is not path:
+            raise InputError(folder, value=f"{other.name} and {path.name}", allowed="names that differ without suffix")
+    return paths
 
 
 def read_grey(path: Path) -> np.ndarray:
@@ -238,66 +251,40 @@ def read_poses(path: Path, length: str, angle: str | None) -> dict[str, np.ndarr
     Raises:
         InputError: A column is missing, a number is not finite or out of range, or the places do not fit the unit.
     """
-    rows = read_rows(require_file(path, "the robot's poses; see docs/how-to/calibrate-a-station.md"))
-    header = [cell.strip() for cell in rows[0][1]] if rows else []
-    kinds = [kind for kind in (_QUATERNION, _VECTOR, _ANGLES) if all(name in header for name in kind)]
-    columns = ("file", "x", "y", "z")
-    if len(kinds) != 1 or any(name not in header for name in columns) or len(header) != len(set(header)):
-        allowed = "file, x, y, z, and either qw, qx, qy, qz, or rx, ry, rz, or roll, pitch, yaw"
-        raise InputError(path, row=1, value=f"columns {', '.join(header)}", allowed=allowed)
-    if unknown := [name for name in header if name not in (*columns, *kinds[0])]:
-        raise InputError(path, row=1, value=f"an unknown column {unknown[0]}", allowed=", ".join((*columns, *kinds[0])))
-    if kinds[0] is not _QUATERNION and angle is None:
-        allowed = "rad or deg under robot.angle"
-        raise InputError(path.with_name(LAB_FILE), value="no robot.angle", allowed=allowed)
-    poses: dict[str, np.ndarray] = {}
-    for row, cells in rows[1:]:
-        if not any(cell.strip() for cell in cells):
-            continue
-        if len(cells) != len(header):
-            raise InputError(path, row=row, value=f"{len(cells)} cells", allowed=f"{len(header)} cells")
-        values = dict(zip(header, (cell.strip() for cell in cells), strict=True))
-        numbers = [_number(path, row, name, values[name]) for name in (*columns[1:], *kinds[0])]
-        place = np.array(numbers[:3]) * _LENGTHS[length]
-        if np.abs(place).max() > _FARTHEST:
-            hint = "; are these mm? then robot.length: mm" if np.abs(place).max() < 1e3 * _FARTHEST else ""
-            raise InputError(path, row=row, value=f"a gripper at {place.round(3).tolist()} m", allowed=f"5 m{hint}")
-        if values["file"] in poses:
-            raise InputError(path, row=row, value=f"{values['file']} again", allowed="each photo once")
-        poses[values["file"]] = _pose(path, row, place, np.array(numbers[3:]), kinds[0], _TURNS[angle or "rad"])
-    spread = np.ptp([X[:3, 3] for X in poses.values()], axis=0).max() if poses else FARTHEST
-    if spread < _NEAREST:
-        found = f"places within {1e3 * spread:.2g} mm of each other"
+    require_file(path, "the robot's poses; see docs/how-to/calibrate-a-station.md")
+    columns = ("file", *_PLACE)
+    first, *forms = ((*columns, *kind) for kind in (QUATERNION, _VECTOR, _ANGLES))
+    table = read_table(path, first, forms=tuple(forms))
+    if QUATERNION[0] in table.cells:
+        turns = Rotation.from_quat(table.quaternions(_UNIT_NORM), scalar_first=True)
+    elif angle is None:
+        raise InputError(path.with_name(LAB_FILE), value="no robot.angle", allowed="rad or deg under robot.angle")
+    elif _VECTOR[0] in table.cells:
+        turns = Rotation.from_rotvec(_angles(table, _VECTOR, _TURNS[angle]))
+    else:
+        turns = Rotation.from_euler("xyz", _angles(table, _ANGLES, _TURNS[angle]))
+    places = _LENGTHS[length] * table.numbers(_PLACE)
+    row, axis = np.unravel_index(np.abs(places).argmax(), places.shape)
+    if (far := abs(places[row, axis])) > _FARTHEST:
+        hint = "; are these mm? then robot.length: mm" if far < 1e3 * _FARTHEST else ""
+        raise table.refusal(int(row), _PLACE[axis], f"{_FARTHEST:g} m at most{hint}")
+    names = [name.strip() for name in table.cells["file"]]
+    seen: dict[str, int] = {}
+    for k, name in enumerate(names):
+        if seen.setdefault(name, k) != k:
+            raise table.refusal(k, "file", f"each photo once (it is in row {table.lines[seen[name]]} too)")
+    if len(names) > 1 and np.ptp(places, axis=0).max() < _NEAREST:
+        found = f"places within {1e3 * np.ptp(places, axis=0).max():.2g} mm of each other"
         raise InputError(path, value=found, allowed="0.02 m or more; are these m? then robot.length: m")
-    return poses
+    X = np.tile(np.eye(4), (len(names), 1, 1))
+    X[:, :3, :3], X[:, :3, 3] = turns.as_matrix(), places
+    return dict(zip(names, X, strict=True))
 
 
-def _number(path: Path, row: int, name: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= 1e6:
-        raise InputError(path, row=row, value=f"{name} = {cell}", allowed="a finite number")
-    return value
-
-
-def _pose(
-    path: Path, row: int, place: np.ndarray, turned: np.ndarray, kind: tuple[str, ...], unit: float
-) -> np.ndarray:
-    if kind is _QUATERNION:
-        norm = float(np.linalg.norm(turned))
-        if abs(norm - 1.0) > _UNIT_NORM:
-            raise InputError(path, row=row, value=f"a quaternion of norm {norm:.4g}", allowed="norm 1")
-        w, *v = turned / norm
-        half = np.arctan2(np.linalg.norm(v), w)
-        return rigid(place, 2.0 * half / max(np.linalg.norm(v), 1e-12) * np.array(v))
-    turned = unit * turned
-    if np.abs(turned).max() > 4.0 * math.pi:
-        raise InputError(path, row=row, value=f"{kind[0]} = {turned[0]:.4g} rad", allowed="two turns; see robot.angle")
-    if kind is _VECTOR:
-        return rigid(place, turned)
-    X = rigid(place)
-    for axis in range(3):
-        X[:3, :3] = cv2.Rodrigues(turned[axis] * np.eye(3)[axis])[0] @ X[:3, :3]
-    return X
+def _angles(table: Table, columns: tuple[str, ...], unit: float) -> np.ndarray:
+    """Angles (rows, 3) [rad] of up to two turns."""
+    angles = unit * table.numbers(columns)
+    row, axis = np.unravel_index(np.abs(angles).argmax(), angles.shape)
+    if abs(angles[row, axis]) > 4.0 * math.pi:
+        raise table.refusal(int(row), columns[axis], "two turns at most; see robot.angle")
+    return angles

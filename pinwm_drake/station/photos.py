@@ -11,7 +11,7 @@ import numpy as np
 from pinwm_drake.capture.images import read_pixels
 from pinwm_drake.capture.lens import Lens
 from pinwm_drake.capture.remap import Remap
-from pinwm_drake.capture.static_views import TRANSFORMS, is_picture
+from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.write import write_posed_images
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
@@ -21,7 +21,7 @@ from pinwm_drake.spatial.rigid import apply, from_pose, inverse, rigid, to_pose
 from pinwm_drake.station.board import Board, Detector, Seen
 from pinwm_drake.station.document import Station
 from pinwm_drake.station.eye import pinhole_of
-from pinwm_drake.station.lab import LabDocument, read_grey
+from pinwm_drake.station.lab import LabDocument, photos_in, read_grey
 from pinwm_drake.station.start import fit_lens, guess_lens, locate
 
 FIXED = "fixed"  # folder below the photos: what the station's camera saw meanwhile
@@ -104,11 +104,6 @@ def write_photos(folder: Path, found: PosedPhotos, static: Path) -> None:
                 raise OSError("no image could be written")
         frames.append((target, camera, to_pose(X_WC)))
     write_posed_images(static / TRANSFORMS, frames)
-
-
-def photos_in(folder: Path) -> list[Path]:
-    """Photos in a folder, in the order of their names; none where there is no folder."""
-    return sorted(path for path in folder.glob("*") if is_picture(path))
 
 
 def _sights(paths: Sequence[Path], board: Board, progress: Progress) -> tuple[list[tuple[Path, Seen]], tuple[int, int]]:

@@ -3,31 +3,17 @@
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
-from pinwm_drake.documents import Entry
+from pinwm_drake.documents import Entry, yaml_text
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.reading.contents import read_bytes
-from pinwm_drake.reading.trees import YAML_FLOAT
 from pinwm_drake.rendering.ply import write_ply
 from pinwm_drake.twin.document import read_document, to_document
 from pinwm_drake.twin.twin import DRAWS_FILE, SURFELS_FILE, TWIN_FILE, Draws, Twin
 
 _MESHES = "meshes"
-
-
-class _Dumper(yaml.SafeDumper):  # type: ignore[misc]  # PyYAML has no types
-    """Plain data; a text that the reader would take for a number, such as 1e3, is quoted."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Flag, always true: YAML's anchors are never written."""
-        return True
-
-
-_Dumper.add_implicit_resolver(*YAML_FLOAT)
 
 
 def write_twin(folder: Path, twin: Twin) -> None:
@@ -64,10 +50,8 @@ def write_twin(folder: Path, twin: Twin) -> None:
         write_draws(folder / DRAWS_FILE, twin.draws)
         files[DRAWS_FILE] = read_bytes(folder / DRAWS_FILE)
     document["sha256"] = {name: hashlib.sha256(contents).hexdigest() for name, contents in sorted(files.items())}
-    form = {"sort_keys": False, "allow_unicode": True, "width": 110, "default_flow_style": None}
-    text = yaml.dump(document, Dumper=_Dumper, **form)
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(yaml_text(document), encoding="utf-8")
 
 
 def write_draws(path: Path, draws: Draws) -> None:

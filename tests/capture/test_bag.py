@@ -71,12 +71,12 @@ TOPICS = {
 }
 
 
-def write_bag(path, topics=tuple(TOPICS), storage=StoragePlugin.SQLITE3, count=10):
+def write_bag(path, topics=tuple(TOPICS), storage=StoragePlugin.SQLITE3, twists=range(10)):
     with Writer(path, version=9, storage_plugin=storage) as writer:
         for topic in topics:
             kind, make = TOPICS[topic]
             connection = writer.add_connection(topic, kind, typestore=STORE)
-            for k in range(count):
+            for k in twists if topic == "/twist" else range(10):
                 message = STORE.serialize_cdr(make(k), kind)
                 writer.write(connection, START + k * 20_000_000 + 5_000_000, message)
     return path
@@ -102,6 +102,13 @@ def test_poses_and_velocities_become_columns(bag):
     np.testing.assert_allclose(table.values["qw"], 1)
     np.testing.assert_allclose(table.values["vx"], 0.5)
     assert table.time == "t"
+
+
+def test_poses_without_a_velocity_beside_them_are_dropped_and_told(tmp_path):
+    table = read_log(write_bag(tmp_path / "bag", twists=range(3, 7)), topic="/pose,/twist")
+    assert table.rows.tolist() == [4, 5, 6, 7, 8]  # velocities are 5 ms late
+    np.testing.assert_allclose(table.values["px"], 0.01 * np.arange(3, 8))
+    assert table.notes[-1] == "5 rows outside of /twist dropped"
 
 
 def test_a_frame_of_the_tree_is_a_log(bag):

@@ -17,10 +17,12 @@ CLOCK = EpisodeClock(
 )
 
 
-def test_a_clock_is_read_as_it_was_written(tmp_path):
+@pytest.mark.parametrize("film", ["push.mp4", "1e3", "2024-01-01", "null"])
+def test_a_clock_is_read_as_it_was_written(tmp_path, film):
     assert read_clock(tmp_path) is None
-    write_clock(tmp_path, CLOCK)
-    assert read_clock(tmp_path) == CLOCK
+    clock = CLOCK.model_copy(update={"film": film})
+    write_clock(tmp_path, clock)
+    assert read_clock(tmp_path) == clock
 
 
 @pytest.mark.parametrize(

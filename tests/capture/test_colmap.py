@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 
 from pinwm_drake.capture.importers.colmap import import_colmap, read_model
-from pinwm_drake.capture.importers.lenses import COLMAP_MODELS
 from pinwm_drake.capture.importers.similarity import Similarity, scaled_world
 from pinwm_drake.capture.importers.target import Scenery
 from pinwm_drake.capture.static_views import read_views
@@ -19,6 +18,9 @@ from tests.capture.pushed_cube import X_WO
 from tests.capture.test_nerfstudio import same_views
 
 IDENTITY = scaled_world()
+# Of camera models in COLMAP's src/colmap/sensor/models.h.
+NUMBERS = {"SIMPLE_PINHOLE": 0, "PINHOLE": 1, "SIMPLE_RADIAL": 2, "RADIAL": 3, "OPENCV": 4, "OPENCV_FISHEYE": 5}
+NUMBERS |= {"FULL_OPENCV": 6, "FOV": 7, "SIMPLE_RADIAL_FISHEYE": 8, "RADIAL_FISHEYE": 9, "THIN_PRISM_FISHEYE": 10}
 
 
 def model_of(views):
@@ -50,11 +52,10 @@ def write_text(folder, cameras, images):
 
 
 def write_binary(folder, cameras, images):
-    numbers = {name: number for number, (name, _, _) in enumerate(COLMAP_MODELS)}
     folder.mkdir(parents=True)
     data = struct.pack("<Q", len(cameras))
     for number, (model, width, height, values) in cameras.items():
-        data += struct.pack(f"<iiQQ{len(values)}d", number, numbers[model], width, height, *values)
+        data += struct.pack(f"<iiQQ{len(values)}d", number, NUMBERS[model], width, height, *values)
     (folder / "cameras.bin").write_bytes(data)
     data = struct.pack("<Q", len(images))
     for k, (number, pose, camera, name) in enumerate(images):

@@ -59,8 +59,20 @@ def test_images_and_signals_have_their_own_stamps(log):
 
 
 def test_a_log_that_is_cut_ends_with_its_last_event(log):
-    log.write_bytes(log.read_bytes()[:-10])
+    assert read_log(log).notes == read_film(log).notes == ()
+    log.write_bytes((whole := log.read_bytes())[:-10])
     assert len(list(events(log))) == 12
+    assert read_log(log).notes == read_film(log).notes == ("the log is cut within event 13",)
+    log.write_bytes(whole + whole[:9])
+    assert read_log(log).notes == ("the log is cut within event 14",)
+
+
+def test_a_file_that_gives_nothing_is_refused(tmp_path):
+    (tmp_path / "a.lcm").symlink_to("/proc/self/mem")  # its reading fails
+    with pytest.raises(InputError, match="Input/output error"):
+        list(events(tmp_path / "a.lcm"))
+    with pytest.raises(InputError, match=r"a file \.lcm; allowed: a video"):
+        read_film(tmp_path / "a.lcm")
 
 
 def test_what_is_wrong_is_named(log):

@@ -24,6 +24,14 @@ def test_the_centre_of_the_first_pixel_is_at_a_half(lens):
     np.testing.assert_allclose(middle, lens.intrinsics[None, 2:], rtol=0, atol=1e-9)
 
 
+@LENSES
+def test_no_points_have_no_pixels(lens):
+    pixels, by_point, by_lens = lens.project_with_jacobian(np.zeros((0, 3)))
+    one = lens.project_with_jacobian(np.array([[0.0, 0.0, 1.0]]))
+    assert [part.shape for part in (pixels, by_point, by_lens)] == [(0, *part.shape[1:]) for part in one]
+    assert lens.project(np.zeros((0, 3))).shape == lens.rays(np.zeros((0, 2))).shape == (0, 2)
+
+
 def test_a_fisheye_sees_angles():
     # f theta of a lens without distortion
     lens = Lens(1280, 720, "fisheye", np.array([400.0, 400.0, 640.0, 360.0]), np.zeros(4))

@@ -105,6 +105,68 @@ def test_a_set_that_cannot_be_read_is_refused(tmp_path, change, words):
         read_film(folder, number=7 if "number" in words else 1)
 
 
+def edit_info(**values):
+    def change(folder):
+        document = json.loads((folder / "meta/info.json").read_text())
+        (folder / "meta/info.json").write_text(json.dumps(document | values))
+
+    return change
+
+
+def edit_table(name, **columns):
+    def change(folder):
+        table = pq.read_table(folder / name).to_pydict() | columns
+        pq.write_table(pa.table({key: value for key, value in table.items() if value is not None}), folder / name)
+
+    return change
+
+
+DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (edit_info(features=[1]), "features = [1]; allowed: a mapping with features"),
+        (edit_info(features={KEY: 3}), f"features.{KEY} = 3; allowed: a mapping with dtype"),
+        (edit_info(chunks_size="x"), 'chunks_size = "x"; allowed: a whole number'),
+        (edit_info(data_path="{nobody}"), "a pattern of file names for data_path"),
+        (edit_info(data_path=7), "data_path = 7; allowed: text"),
+        (edit_table(DATA, timestamp=None), "no column "),
+        (edit_table(DATA, timestamp=["x"] * 10), "numbers in feature timestamp"),
+        (edit_table(DATA, timestamp=[[0.0, 1.0]] * 10), "numbers in feature timestamp"),
+        (edit_table(EPISODES, **{"data/chunk_index": None}), "data/chunk_index = None; allowed: a number from 0"),
+        (edit_table(EPISODES, **{"data/file_index": ["a", "b"]}), "data/file_index = 'b'; allowed: a number from 0"),
+        (edit_table(EPISODES, episode_index=None), "a whole parquet file"),
+    ],
+)
+@pytest.mark.parametrize("read", [read_film, lambda *args, **more: make_trajectory(read_log(*args, **more), {})])
+def test_damaged_sets_are_refused_by_name(tmp_path, change, words, read):
+    folder = write_v3(tmp_path / "set")
+    change(folder)
+    with pytest.raises(InputError, match=re.escape(words)):
+        read(folder, number=1)
+
+
+def test_a_frame_with_no_place_in_its_film_is_refused(tmp_path):
+    folder = write_v3(tmp_path / "set")
+    edit_table(EPISODES, **{f"videos/{KEY}/from_timestamp": [0.0, None]})(folder)
+    with pytest.raises(InputError, match=f"videos/{KEY}/from_timestamp = None; allowed: a number"):
+        read_film(folder, number=1)
+
+
+def test_each_row_has_the_nearest_frame_and_others_are_dropped(tmp_path):
+    folder = write_v3(tmp_path / "set")
+    t = np.arange(10) / RATE
+    t[4:] = np.array([0.0, 0.01, 0.05, 0.07, 0.12, 0.9])
+    edit_table(DATA, timestamp=t.tolist())(folder)
+    film = read_film(folder, number=1)  # frames 4 to 9 are at 0, 0.04 and so on
+    np.testing.assert_allclose(film.t, [0.0, 0.01, 0.05, 0.07, 0.12])
+    assert film.notes[-1] == "1 rows without a frame dropped"
+    means = [frame.mean() for frame in film.frames(range(5))]
+    np.testing.assert_allclose(means, [plain(20 * k).mean() for k in (4, 4, 5, 6, 7)], atol=LOSS)
+
+
 def test_a_camera_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=f"camera 'x'; allowed: --topic with one of {KEY}"):
         read_film(write_v2(tmp_path / "set"), topic="x")

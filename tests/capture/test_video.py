@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pinwm_drake.capture.importers import video
 from pinwm_drake.capture.importers.film import in_order, time_unit
 from pinwm_drake.capture.importers.video import read_image_folder, read_video
 from pinwm_drake.errors import InputError
@@ -80,7 +81,7 @@ def test_a_rate_replaces_the_stamps(tmp_path):
 @pytest.mark.parametrize("content", [b"", b"not a video" * 100])
 def test_what_is_no_video_is_refused(tmp_path, content):
     (tmp_path / "push.mp4").write_bytes(content)
-    with pytest.raises(InputError, match=r"push\.mp4: got contents that are no video"):
+    with pytest.raises(InputError, match=r"push\.mp4: (no contents|got contents that are no video)"):
         read_video(tmp_path / "push.mp4")
 
 
@@ -168,3 +169,12 @@ def test_units_of_time_are_told_by_their_size(values, unit):
 def test_a_time_of_no_unit_is_refused():
     with pytest.raises(InputError, match=r"allowed: a unit: t=NAME\[s\]"):
         time_unit(Path("a"), np.arange(10) * 1e-9 / 7)
+
+
+def test_a_film_of_too_many_frames_is_refused_and_not_cut(tmp_path, monkeypatch):
+    path = write_mp4(tmp_path / "a.mp4", count=6)
+    monkeypatch.setattr(video, "_MOST_FRAMES", 6)
+    assert len(read_video(path).t) == 6
+    monkeypatch.setattr(video, "_MOST_FRAMES", 5)
+    with pytest.raises(InputError, match="more of them; allowed: 5 frames at most"):
+        read_video(path)

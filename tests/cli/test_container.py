@@ -4,10 +4,11 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from pinwm_drake.cli.app import _told_of_memory
+from pinwm_drake.cli.app import _told
 from pinwm_drake.errors import InputError, PinwmError
 from tests.capture.pushed_cube import write_pushed_cube
 from tests.cli.evaluations import write_scenario
@@ -91,14 +92,19 @@ def test_a_limit_of_memory_is_told_in_one_line():
     assert done.stderr.count("\n") == 1
 
 
+def test_a_name_that_no_file_can_have_is_one_line():
+    with pytest.raises(InputError, match=r"a{50}: got File name too long; allowed: a shorter name"), _told():
+        Path(300 * "a").stat()
+
+
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("DefaultCPUAllocator: can't allocate memory: 1 byte")])
 def test_want_of_memory_is_an_error_of_the_family(error):
-    with pytest.raises(PinwmError, match="memory: got too little"), _told_of_memory():
+    with pytest.raises(PinwmError, match="memory: got too little"), _told():
         raise error
 
 
 @pytest.mark.parametrize("error", [RuntimeError("another"), OSError("no such file"), InputError("a", allowed="b")])
 def test_other_errors_stay_what_they_are(error):
-    with pytest.raises(type(error)) as found, _told_of_memory():
+    with pytest.raises(type(error)) as found, _told():
         raise error
     assert found.value is error

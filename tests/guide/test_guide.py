@@ -99,7 +99,7 @@ def test_a_stage_that_is_refused_says_why_and_is_tried_again(lab):
     found = guide_lab(lab.path)
     assert states(found)["calibration"] == "failed"
     assert "robot.csv" in found.error
-    assert "no row of robot/0.png" in found.error
+    assert "no row below the header" in found.error
     page = (lab.path / PAGE_FILE).read_text()
     assert "no row of robot/0.png" in page
     assert states(guide_lab(lab.path, run=False))["calibration"] == "failed"

@@ -56,7 +56,6 @@ EXCEPTIONS = {
     ("report/video.py", "cv2.VideoCapture"),  # the film that was just written
     ("capture/importers/video.py", "cv2.VideoCapture"),  # after `opened`, as a film is decoded from its file only
     *((f"capture/importers/{name}.py", "cv2.imdecode") for name in ("bag", "lcm_log", "lerobot")),  # in a recording
-    ("capture/importers/csv_log.py", "csv.reader"),  # of a text that `read_text` gave; other separators than a comma
     ("guide/record.py", "given.open"),  # for its SHA-256
 }
 

@@ -20,7 +20,7 @@ from pinwm_drake.reading.contents import guarded, read_bytes, read_text
 from pinwm_drake.reading.mesh_objects import read_objects
 from pinwm_drake.reading.meshes import read_elements, read_scene
 from pinwm_drake.reading.pictures import opened_picture
-from pinwm_drake.reading.tables import read_rows
+from pinwm_drake.reading.tables import cell_number, read_rows
 from pinwm_drake.reading.trees import DEEPEST, parse_json, parse_yaml
 
 
@@ -252,6 +252,14 @@ def test_a_table_of_too_many_columns(tmp_path):
     assert "1000 columns at most" in refused(read_rows, tmp_path / "a.csv")
     (tmp_path / "a.csv").write_text('a,b\n1,"2\n3"\n')
     assert read_rows(tmp_path / "a.csv") == [(1, ["a", "b"]), (3, ["1", "2\n3"])]
+    (tmp_path / "a.csv").write_text('# "a;b\n 1  2 \n\n#\n3 4')
+    rows = read_rows(tmp_path / "a.csv", ",; ", comment="#")
+    assert [row for row in rows if row[1]] == [(2, ["1", "2"]), (5, ["3", "4"])]
+
+
+def test_numbers_of_cells_are_in_plain_digits():
+    assert [cell_number(cell) for cell in (" 1.5e2", "-.5", "+3.")] == [150, -0.5, 3]
+    assert np.isnan([cell_number(cell) for cell in ("", "nan", "inf", "1e999", "1_0", "0x1", "١", "1 2")]).all()
 
 
 @pytest.mark.parametrize("line", ["v 0.1", "v 0.1 0.2"])

@@ -6,8 +6,9 @@ import pytest
 import torch
 import yaml
 
+from benchmarks.calibration import HEIGHT
 from pinwm_drake.errors import InputError
-from pinwm_drake.spatial.rigid import from_pose
+from pinwm_drake.spatial.rigid import from_pose, inverse
 from pinwm_drake.station.calibrate import PICTURES
 from pinwm_drake.station.document import load_station, require_station, write_station
 from tests.station.stations import plain_station, station_document
@@ -35,8 +36,12 @@ def test_a_calibration_tells_all_of_its_station(fixed):
     X_BC = from_pose(document.world.X_BW.pose()) @ from_pose(station.X_WC)
     np.testing.assert_allclose(X_BC, found.solution.camera.X, rtol=0, atol=1e-12)
     np.testing.assert_allclose(X_BC[:3, 3], truth.X_BC[:3, 3], rtol=0, atol=3e-3)
+    X_WT = inverse(from_pose(document.world.X_BW.pose())) @ truth.X_BT
     low, high = document.world.table.height_interval
-    assert low < document.world.table.height < high
+    middle = np.mean([document.workspace.low, document.workspace.high], 0)
+    height = X_WT[2, 3] - (X_WT[:2, 2] / X_WT[2, 2]) @ (middle[:2] - X_WT[:2, 3])
+    # Twice the interval is four standard deviations; its width is that of errors up to four times the bar.
+    assert abs(height - 0.5 * (low + high)) < high - low < 8e-3 * HEIGHT
     assert np.linalg.eigvalsh(np.array(document.camera.covariance)).min() > 0
     assert document.accuracy.median == found.accuracy.median
     assert set(document.provenance["sha256"]) == {"lab.yaml", "robot.csv", "photos"}

@@ -41,7 +41,9 @@ def test_an_episode_is_added_on_the_log_s_clock(push, made):
     clock = read_clock(added.folder)
     assert clock == episode.clock == added.clock
     assert clock.offset - EPOCH == pytest.approx(push.offset, abs=BAR)
-    assert clock.interval[0] < clock.offset < clock.interval[1]
+    low, high = clock.interval
+    # Twice the interval: four standard deviations, which a right one misses with a chance of 6e-5.
+    assert abs(push.offset + EPOCH - 0.5 * (low + high)) < high - low < 2 * BAR
     assert any("t taken for ms" in note for note in clock.notes)
     # At each image the log has the pusher where it was.
     found = [episode.pusher_pose(time).p.numpy() for time in episode.t.tolist()]
@@ -90,6 +92,22 @@ def test_frames_outside_of_the_log_are_dropped(push, made, tmp_path):
     added = add_episode(capture, dataclasses.replace(sources, offset=EPOCH + 0.37, exact=True))
     assert "6 frames outside of the log dropped" in added.clock.notes
     assert added.images == len(push.t) - 6
+
+
+@pytest.mark.parametrize(
+    ("level", "words"),
+    [(1, "masks whose largest value is 1; allowed: 0, and 128 to 255"), (0, "largest value is 0"), (127, "is 127")],
+)
+def test_a_film_of_masks_without_white_is_refused(push, made, tmp_path, level, words):
+    capture, sources = made
+    (tmp_path / "masks").mkdir()
+    for k in range(len(push.t)):
+        mask = np.zeros((240, 320), np.uint8)
+        mask[100:140, 50:90] = level
+        cv2.imwrite(str(tmp_path / f"masks/{k}.png"), mask)
+    with pytest.raises(InputError, match=words):
+        add_episode(capture, dataclasses.replace(sources, offset=EPOCH + 0.37, exact=True, masks=tmp_path / "masks"))
+    assert load_capture(capture).episode_names == []
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import pytest
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.rigid import rigid
-from pinwm_drake.station.lab import load_lab, read_poses
+from pinwm_drake.station.lab import load_lab, photos_in, read_poses
 
 LAB = "schema_version: 1\nruler: 0.1\nrobot: {length: mm, angle: deg}\nworkspace: {low: [0, 0, 0], high: [1, 1, 1]}\n"
 CSV = "file,x,y,z,rx,ry,rz\nrobot/a.jpg,100,200,300,90,0,0\nrobot/b.jpg,150,200,300,0,0,180\n"
@@ -55,7 +55,7 @@ def test_rotations_in_all_forms_are_the_same(folder, header, values):
         ("lab.yaml", "ruler", "board: {square: 0.01}\nruler", "board marker"),
         ("robot.csv", "file,x", "photo,x", "row 1"),
         ("robot.csv", "rx,ry,rz", "rx,ry,qz", "row 1"),
-        ("robot.csv", "robot/b.jpg", "robot/a.jpg", "row 3: got robot/a.jpg again"),
+        ("robot.csv", "robot/b.jpg", "robot/a.jpg", "row 3: got file = robot/a.jpg; allowed: each photo once ("),
         ("robot.csv", "robot/b.jpg", "robot/c.jpg", "robot/b.jpg"),
         ("robot.csv", "100,200", "100,x", "row 2: got y = x"),
         ("robot.csv", "90,0,0", "90,0", "row 2: got 6 cells"),
@@ -70,6 +70,19 @@ def test_wrong_labs_are_refused_by_file_and_row(folder, file, old, new, part):
     with pytest.raises(InputError) as caught:
         load_lab(folder)
     assert part in str(caught.value)
+
+
+def test_a_wrong_quaternion_is_refused_by_its_row(folder):
+    (folder / "robot.csv").write_text("file,x,y,z,qw,qx,qy,qz\na,0,0,0,1,0,0,0\nb,100,0,0,0.9,0,0,0\n")
+    with pytest.raises(InputError, match=r"row 3: got qw, qx, qy, qz = .* of norm 0\.9"):
+        read_poses(folder / "robot.csv", "mm", None)
+
+
+def test_photos_whose_results_would_have_one_name_are_refused(folder):
+    assert photos_in(folder / "nothing") == []
+    (folder / "robot/A.png").touch()
+    with pytest.raises(InputError, match=r"robot: got A\.png and a\.jpg; allowed: names that differ"):
+        load_lab(folder)
 
 
 def test_a_row_without_photo_and_a_folder_without_lab_are_refused(folder):

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.calibration import MEDIAN, WORST
 from benchmarks.rendered_lab import MIDDLE, WORKSPACE, RenderedLab, look_at
 from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError
-from pinwm_drake.spatial.rigid import apart, from_pose, inverse, rigid
+from pinwm_drake.spatial.rigid import apart, apply, from_pose, inverse, rigid
+from pinwm_drake.station.accuracy import across
 from pinwm_drake.station.board import Detector
 from pinwm_drake.station.document import StationDocument, load_station, write_station
 from pinwm_drake.station.lab import LabDocument
@@ -34,7 +36,10 @@ def ring(p_BT):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """Photos around a board on the table, a station as it is in truth, and the true X_WC of the photos."""
+    """Photos around a board on the table, a station as it is in truth, true X_WC of the photos, and points W of them.
+
+    The points are the corners of the board at its true X_WM, and those up to 0.1 m above them, where an object is.
+    """
     folder, lab = tmp_path_factory.mktemp("lab"), RenderedLab(3)
     X_WB = inverse(rigid(w=[*lab.tilt, 0.0]))
     (fx, fy, cx, cy), size = lab.lens.intrinsics.tolist(), [lab.lens.width, lab.lens.height]
@@ -56,24 +61,31 @@ def made(tmp_path_factory):
     for k, X_BC in enumerate(ring((X_BM @ np.array([0.126, 0.084, 0.0, 1.0]))[:3])):
         cv2.imwrite(str(photos / f"{k}.png"), lab.draw(inverse(X_BC) @ X_BM, X_BC))
         truth.append(X_WB @ X_BC)
-    return photos, load_station(folder / "station.yaml"), np.array(truth)
+    corners = LAB.printed_board().corners_M
+    p_M = np.concatenate([corners - np.array([0, 0, up]) for up in (0.0, 0.05, 0.1)])  # z of M is down
+    return photos, load_station(folder / "station.yaml"), np.array(truth), apply(X_WB @ X_BM, p_M)
 
 
 def test_photos_are_posed_in_the_world_of_the_station(made, tmp_path):
-    photos, station, truth = made
+    photos, station, truth, p_W = made
     found = pose_photos(photos, LAB, station, silent)
     assert (found.names, found.left_out) == ([f"{k}.png" for k in range(NUMBER)], [])
+    errors = []
     for X, X_WC in zip(found.X_WC, truth, strict=True):
-        place, turn = apart(X, X_WC)
-        assert place < 4e-3  # distance and focal length go together; the next test bounds what this does to points
-        assert np.degrees(turn) < 0.3
+        # Distance and focal length go together: a pose is as good as the places at which it sees points.
+        p_C = apply(inverse(X_WC), p_W)
+        off = found.lens.project(apply(inverse(X), p_W)) - station.lens.project(p_C)  # the photos are by the same lens
+        M = across(station.lens, inverse(X_WC), p_W)
+        errors.append(1e3 * np.linalg.norm((M @ off[..., None])[..., 0], axis=1))
+    assert np.median(errors) < MEDIAN
+    assert np.max(errors) < WORST
     write_photos(photos, found, tmp_path)
     frames = read_transforms(tmp_path / TRANSFORMS)
     assert apart(from_pose(frames[3].X_WC), found.X_WC[3])[0] < 1e-6
 
 
 def test_a_pinhole_sees_the_board_where_its_pose_has_it(made, tmp_path):
-    photos, station, _ = made
+    photos, station, *_ = made
     found = pose_photos(photos, LAB, station, silent)
     write_photos(photos, found, tmp_path)
     board = LAB.printed_board()
@@ -93,7 +105,7 @@ def test_a_pinhole_sees_the_board_where_its_pose_has_it(made, tmp_path):
 
 
 def test_what_does_not_show_the_board_is_named(made, tmp_path):
-    photos, station, _ = made
+    photos, station, *_ = made
     with pytest.raises(InputError, match="fixed: no photo that shows the board"):
         pose_photos(tmp_path, LAB, station, silent)
     (tmp_path / "fixed").mkdir()

@@ -17,14 +17,14 @@ def test_points_are_seen_where_a_pinhole_without_roll_sees_them(tmp_path):
     # An image of the lens's own columns and rows, px: the view shows where the lens sees the ray of each pixel.
     x, y = np.meshgrid(np.arange(1280) + 0.5, np.arange(720) + 0.5)
     seen = view.remap(np.stack([x, y], -1).astype(np.float32))
-    p_W = np.random.default_rng(0).uniform([0.45, -0.1, 0.0], [0.65, 0.1, 0.1], (50, 3))
-    p_V = apply(inverse(X_WV), p_W)
     fx, fy, cx, cy = view.camera.intrinsics.tolist()
-    there = np.column_stack([fx * p_V[:, 0] / p_V[:, 2] + cx, fy * p_V[:, 1] / p_V[:, 2] + cy])
-    expected = station.lens.project(apply(inverse(from_pose(station.X_WC)), p_W))
-    pixels = np.floor(there).astype(int)
-    # Within a pixel of the view, which is 22 px of the lens.
-    assert np.abs(seen[pixels[:, 1], pixels[:, 0]] - expected).max() < 25.0
+    row, column = np.indices(seen.shape[:2])
+    ahead = np.stack([(column + 0.5 - cx) / fx, (row + 0.5 - cy) / fy, np.ones(row.shape)], -1).reshape(-1, 3)
+    expected = station.lens.project(apply(inverse(from_pose(station.X_WC)), apply(X_WV, ahead)))
+    within = ((expected > 1) & (expected < [1279, 719])).all(1)
+    assert within.mean() > 0.9
+    # OpenCV's remap has steps of 1/32 px.
+    assert np.abs(seen.reshape(-1, 2) - expected)[within].max() < 0.05
 
 
 def test_a_view_shows_all_of_the_workspace():

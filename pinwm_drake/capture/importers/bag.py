@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from pinwm_drake.capture.importers.film import Columns, Film, in_order
+from pinwm_drake.capture.importers.film import Columns, Film, counted, in_order
+from pinwm_drake.capture.paths import is_folder
+from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError, require_package
-from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.contents import guarded, require_contents
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
+METADATA = "metadata.yaml"
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 _PICTURES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _POSES = (
@@ -39,6 +42,7 @@ _ENCODINGS = {
         ("gbrg", cv2.COLOR_BAYER_GR2RGB), ("grbg", cv2.COLOR_BAYER_GB2RGB),
     )},
 }  # fmt: skip
+_MOST_BYTES = 2**40
 _ALLOWED = "a recording of ROS that rosbags reads"
 
 
@@ -75,7 +79,8 @@ def read_bag_log(path: Path, topics: str | None = None) -> Columns:
     """Read poses of the pusher, and velocities and forces, from topics of a recording.
 
     Columns are t, px to pz, qw to qz, vx to vz and fx to fz, as far as the topics have them. The stamps are those of
-    the first topic; others are interpolated.
+    the first topic; others are interpolated, and rows more than an interval before or after these are
+    dropped.
 
     Args:
         path: The recording.
@@ -97,15 +102,15 @@ def read_bag_log(path: Path, topics: str | None = None) -> Columns:
             table, told = _numbers(path, reader, connection, child)
             notes += told
             if not values:
-                values = table
+                values, rows = table, np.arange(1, len(table["t"]) + 1)
                 continue
             t, order = values["t"], np.argsort(table["t"], kind="stable")
-            values |= {
-                key: np.interp(t, table["t"][order], column[order])
-                for key, column in table.items()
-                if key not in values
-            }
-    return Columns(path, values, np.arange(1, len(values["t"]) + 1), "t", tuple(notes))
+            slack = float(np.ptp(table["t"])) / max(len(order) - 1, 1)
+            inside = (t >= table["t"].min() - slack) & (t <= table["t"].max() + slack)
+            notes += [f"{counted(int((~inside).sum()), 'row')} outside of {topic} dropped"] if not inside.all() else []
+            more = {key: np.interp(t, table["t"][order], one[order]) for key, one in table.items() if key not in values}
+            rows, values = rows[inside], {key: one[inside] for key, one in (values | more).items()}
+    return Columns(path, values, rows, "t", tuple(notes), si=True)
 
 
 @contextmanager
@@ -114,6 +119,13 @@ def _reader(path: Path) -> "Iterator[AnyReader]":
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    if is_folder(path):  # rosbags would follow each alias, and wait for pipes
+        about = read_yaml(path / METADATA)["rosbag2_bagfile_information"]["relative_file_paths"]
+        files = [path / Path(one.text()).name for one in about.items()]
+    else:
+        files = [path]
+    for file in files:
+        require_contents(file, _MOST_BYTES)
     with guarded(path, _ALLOWED), AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         yield reader
 

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: MIT
 """Logs in files of comma-separated values, with a header or without one."""
 
-import csv
-import io
-import math
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +8,9 @@ import numpy as np
 from pinwm_drake.capture.episode_tables import quote
 from pinwm_drake.capture.importers.film import Columns, counted
 from pinwm_drake.errors import InputError
-from pinwm_drake.reading.contents import guarded, read_text
+from pinwm_drake.reading.tables import cell_number, read_rows
 
-_SEPARATORS = ",;\t "
-_MOST_ROWS, _MOST_CELLS = 2_000_000, 1000
+_NO_NUMBER = ("", "nan", "null", "none", "na", "n/a", "inf", "-inf")
 
 
 def read_csv(path: Path) -> Columns:
@@ -24,41 +20,41 @@ def read_csv(path: Path) -> Columns:
     or hold text are NaN; rows with another number of cells than the first are dropped and counted.
 
     Raises:
-        InputError: The file cannot be read, or holds no row of numbers.
+        InputError: The file cannot be read, its first row is neither a header nor a row of numbers, a name of the
+            header comes twice, or there is no row of numbers.
     """
-    text = read_text(path)
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
-    if not lines:
+    found = read_rows(path, ",;\t ", comment="#")
+    rows = [(line, cells) for line, cells in found if any(cell.strip() for cell in cells)]
+    if not rows:
         raise InputError(path, value="no row", allowed="a header and rows of numbers")
-    separator = next((one for one in _SEPARATORS if one in lines[0]), " ")
-    rows: list[tuple[int, list[str]]] = []
-    with guarded(path, "comma-separated values"):
-        reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True)
-        for cells in reader:
-            if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
-                rows.append((reader.line_num, [cell.strip() for cell in cells]))
-            if len(rows) > _MOST_ROWS or len(cells) > _MOST_CELLS:
-                allowed = f"{_MOST_ROWS} rows and {_MOST_CELLS} columns at most"
-                raise InputError(path, row=reader.line_num, value="more of them", allowed=allowed)
-    header = rows[0][1]
-    if not any(math.isnan(_value(cell)) for cell in header):
-        names = [str(k + 1) for k in range(len(header))]
-    else:
-        names, rows = header, rows[1:]
+    line, first = rows[0][0], [cell.strip() for cell in rows[0][1]]
+    names = [str(k + 1) for k in range(len(first))]
+    if _is_header(path, line, first):
+        names, rows = first, rows[1:]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise InputError(path, row=rows[0][0] if rows else 1, value=f"{quote(twice)} twice", allowed="each column once")
+        raise InputError(path, row=line, value=f"{quote(twice)} twice", allowed="each column once")
     whole = [(line, cells) for line, cells in rows if len(cells) == len(names)]
-    if len(whole) < 1:
+    if not whole:
         raise InputError(path, value="no row below the header", allowed="rows of numbers")
-    values = np.array([[_value(cell) for cell in cells] for _, cells in whole])
-    lost = len(rows) - len(whole)
-    notes = (f"{counted(lost, 'row')} with another number of cells than the header dropped",) if lost else ()
-    return Columns(path, dict(zip(names, values.T, strict=True)), np.array([line for line, _ in whole]), notes=notes)
+    values = np.array([[cell_number(cell) for cell in cells] for _, cells in whole])
+    short = [line for line, cells in rows if len(cells) != len(names)]
+    dropped = f"{counted(len(short), 'row')} without {len(names)} cells dropped, the first row {min(short, default=0)}"
+    place = {name: k for k, name in enumerate(names)}
+    return Columns(
+        path,
+        dict(zip(names, values.T, strict=True)),
+        np.array([line for line, _ in whole]),
+        notes=(dropped,) if short else (),
+        cell=lambda column, k: quote(whole[k][1][place[column]].strip()),
+    )
 
 
-def _value(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan
+def _is_header(path: Path, line: int, cells: list[str]) -> bool:
+    """Flag: the first row holds names; InputError where it holds both names and numbers."""
+    texts = [cell for cell in cells if np.isnan(cell_number(cell)) and cell.lower() not in _NO_NUMBER]
+    numbers = [cell for cell in cells if not np.isnan(cell_number(cell))]
+    if texts and numbers:
+        found = f"{quote(texts[0])} beside {quote(numbers[0])}"
+        raise InputError(path, row=line, value=found, allowed="a header of names, or a row of numbers")
+    return bool(texts)

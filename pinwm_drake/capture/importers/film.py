@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -49,17 +49,25 @@ class Columns:
 
     Attributes:
         path: File or folder.
-        values: (m,) of each name; NaN where a cell was empty.
+        values: (m,) of each name; NaN where a cell holds no finite number.
         rows: (m,) places in the file for messages, counted from 1.
         time: Name of the column that holds seconds on the clock of the file; empty where the map has to name it.
         notes: What was found, guessed and dropped.
+        si: Flag: the format says that numbers are in SI units and radians.
+        cell: Text of a cell by the name of its column and its number in `values`, for messages.
     """
 
     path: Path
     values: dict[str, np.ndarray]
     rows: np.ndarray
     time: str = ""
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+    si: bool = False
+    cell: Callable[[str, int], str] = lambda column, k: ""
+
+    def told(self, column: str, k: int) -> str:
+        """Column and contents of a cell, for messages."""
+        return f"{column} = {self.cell(column, k) or f'{self.values[column][k]:.6g}'}"
 
 
 def time_unit(path: Path, values: np.ndarray) -> tuple[str, float]:

@@ -35,7 +35,7 @@ _PLAIN, _ZLIB = 0, 1
 def is_lcm_log(path: Path) -> bool:
     """Flag: a file begins like an event log of LCM."""
     try:
-        with opened(path, _MOST_BYTES) as file:
+        with guarded(path, "a file that can be read"), opened(path, _MOST_BYTES) as file:
             return file.read(4) == struct.pack(">I", _SYNC)
     except InputError:
         return False
@@ -53,7 +53,7 @@ def read_lcm_film(path: Path, channel: str | None = None) -> Film:
         ParameterError: The package `drake`, which has the types, is not installed.
     """
     kinds = _types()
-    name = _channel(path, kinds["lcmt_image_array"], channel, "--topic")
+    name, notes = _channel(path, kinds["lcmt_image_array"], channel, "--topic")
     t = np.array(
         [_time(message.header.utime, time) for time, message in _messages(path, name, kinds["lcmt_image_array"])]
     )
@@ -65,7 +65,7 @@ def read_lcm_film(path: Path, channel: str | None = None) -> Film:
             if k in wanted:
                 yield _picture(path, k + 1, message)
 
-    return Film(path, t[kept], True, frames, tuple(told))
+    return Film(path, t[kept], True, frames, (*notes, *told))
 
 
 def read_lcm_log(path: Path, channel: str | None = None) -> Columns:
@@ -74,26 +74,28 @@ def read_lcm_log(path: Path, channel: str | None = None) -> Columns:
     Args and errors are those of `read_lcm_film`.
     """
     kinds = _types()
-    name = _channel(path, kinds["lcmt_drake_signal"], channel, "--log-topic")
+    name, notes = _channel(path, kinds["lcmt_drake_signal"], channel, "--log-topic")
     rows = [
         (_time(message.timestamp, time), message) for time, message in _messages(path, name, kinds["lcmt_drake_signal"])
     ]
     names = list(rows[0][1].coord)
+    if len(set(names)) < len(names):
+        raise InputError(path, value=f"a name twice in {name}", allowed="each name of lcmt_drake_signal once")
     alike = [(time, message) for time, message in rows if list(message.coord) == names]
     values = np.array([message.val for _, message in alike]).reshape(len(alike), -1)
     lost = len(rows) - len(alike)
-    notes = (f"{lost} messages of {name} with other names dropped",) if lost else ()
+    notes += [f"{lost} messages of {name} with other names dropped"] if lost else []
     columns = {one: values[:, k] for k, one in enumerate(names)} | {"t": np.array([time for time, _ in alike])}
-    return Columns(path, columns, np.arange(1, len(alike) + 1), "t", notes)
+    return Columns(path, columns, np.arange(1, len(alike) + 1), "t", tuple(notes))
 
 
-def events(path: Path) -> Iterator[tuple[str, float, bytes]]:
-    """Channel, time [s] and message of each event; a log that is cut ends with its last whole event.
+def events(path: Path, notes: list[str] | None = None) -> Iterator[tuple[str, float, bytes]]:
+    """Channel, time [s] and message of each event; a log that is cut ends with its last whole event, by a note.
 
     Raises:
         InputError: It is no event log, or an event does not begin as one.
     """
-    with opened(path, _MOST_BYTES) as file:
+    with guarded(path, "an event log of LCM"), opened(path, _MOST_BYTES) as file:
         number = 0
         while len(head := file.read(_HEAD.size)) == _HEAD.size:
             number += 1
@@ -102,8 +104,11 @@ def events(path: Path) -> Iterator[tuple[str, float, bytes]]:
                 raise InputError(path, row=number, value="no event", allowed="an event log of LCM")
             name, message = file.read(name_size), file.read(size)
             if len(name) + len(message) < name_size + size:
-                return
+                break
             yield name.decode("utf-8", "replace"), 1e-6 * time, message
+            head = b""
+    if head and notes is not None:
+        notes.append(f"the log is cut within event {number + (len(head) < _HEAD.size)}")
 
 
 def _types() -> dict[str, Any]:
@@ -113,13 +118,13 @@ def _types() -> dict[str, Any]:
     return {"lcmt_drake_signal": lcmt_drake_signal, "lcmt_image_array": lcmt_image_array}
 
 
-def _channel(path: Path, kind: Any, name: str | None, option: str) -> str:
-    """Name of the channel with messages of a type, by their fingerprint."""
-    mark = kind._get_packed_fingerprint()
-    fitting = {channel: None for channel, _, message in events(path) if message[:8] == mark}
+def _channel(path: Path, kind: Any, name: str | None, option: str) -> tuple[str, list[str]]:
+    """Name of the channel with messages of a type, by their fingerprint, and notes on the log."""
+    mark, notes = kind._get_packed_fingerprint(), list[str]()
+    fitting = {channel: None for channel, _, message in events(path, notes) if message[:8] == mark}
     found = [channel for channel in fitting if name in (None, channel)]
     if len(found) == 1:
-        return found[0]
+        return found[0], notes
     if not fitting:
         raise InputError(path, value=f"no message {kind.__name__}", allowed=f"a channel of {kind.__name__}")
     given = f"channel {name!a}" if name else f"{len(found)} channels"

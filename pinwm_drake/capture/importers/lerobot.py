@@ -22,9 +22,9 @@ from pinwm_drake.capture.importers.video import read_video
 from pinwm_drake.capture.paths import is_file, require_file
 from pinwm_drake.documents import Entry, read_json
 from pinwm_drake.errors import InputError, require_package
-from pinwm_drake.reading.contents import guarded
+from pinwm_drake.reading.contents import guarded, require_contents
 
-INFO = "meta/info.json"
+INFO, EPISODES = "meta/info.json", "meta/episodes"
 _V2 = (
     "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
     "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4",
@@ -33,6 +33,7 @@ _V3 = (
     "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
     "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4",
 )
+_MOST_BYTES = 2**36
 _OWN = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 
 
@@ -46,9 +47,24 @@ class _DataSet:
     row: dict[str, Any]  # of meta/episodes; empty in v2
 
     @property
-    def features(self) -> dict[str, Any]:
-        found = self.info["features"].value
-        return found if isinstance(found, dict) else {}
+    def features(self) -> dict[str, dict[str, Any]]:
+        """What info.json says of each feature."""
+        found: dict[str, dict[str, Any]] = {}
+        entry = self.info["features"]
+        for name in entry.value if isinstance(entry.value, dict) else []:
+            if not isinstance(about := entry[name].value, dict):
+                raise entry[name].refusal("a mapping with dtype")
+            found[name] = about
+        if not found:
+            raise entry.refusal("a mapping with features")
+        return found
+
+    def place(self, key: str) -> float:
+        """Number in the episode's row of meta/episodes; 0 in v2."""
+        value = self.row.get(key) if self.row else 0
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < 1e9:
+            raise InputError(self.folder / EPISODES, value=f"{key} = {value!a}", allowed="a number from 0")
+        return value
 
     def file(self, key: str, part: str, video_key: str = "") -> Path:
         """File of the episode's data or film, by a key of info.json and the beginning of its columns in v3."""
@@ -56,16 +72,16 @@ class _DataSet:
         entry = self.info.find(key)
         pattern = (_V3 if self.row else _V2)[index] if entry is None or entry.value is None else entry.text()
         size = self.info.find("chunks_size")
-        chunk = self.number // max(int(size.value) if size is not None else 1000, 1)
+        numbers = {
+            "episode_chunk": self.number // (1000 if size is None else size.integer(1, 10**9)),
+            "episode_index": self.number,
+            "chunk_index": int(self.place(f"{part}/chunk_index")),
+            "file_index": int(self.place(f"{part}/file_index")),
+        }
         with guarded(self.info.path, f"a pattern of file names for {key}"):
-            name = pattern.format(
-                episode_chunk=chunk,
-                episode_index=self.number,
-                video_key=video_key,
-                chunk_index=int(self.row.get(f"{part}/chunk_index", 0)),
-                file_index=int(self.row.get(f"{part}/file_index", 0)),
-            )
-        return require_file(self.folder / name, f"the file of episode {self.number} that {INFO} names")
+            name = pattern.format(video_key=video_key, **numbers)
+        file = require_file(self.folder / name, f"the file of episode {self.number} that {INFO} names")
+        return require_contents(file, _MOST_BYTES)
 
 
 def is_lerobot(path: Path) -> bool:
@@ -92,15 +108,16 @@ def read_lerobot_film(path: Path, number: int = 0, key: str | None = None) -> Fi
     if key not in cameras:
         found = f"camera {key!a}" if key else f"{len(cameras)} cameras"
         raise InputError(path / INFO, value=found, allowed=f"--topic with one of {', '.join(cameras)}")
-    t = _table(data, ["timestamp"])["timestamp"].to_numpy()
-    kept, told = in_order(path, np.asarray(t, float), "frame")
+    t = _numbers(data, _table(data, ["timestamp"]), "timestamp")
+    kept, told = in_order(path, t, "frame")
     if data.features[key].get("dtype") == "image":
         return Film(path, t[kept], True, lambda numbers: _images(data, key, kept[list(numbers)]), tuple(told))
     film = read_video(data.file("video_path", f"videos/{key}", key))
-    start = float(data.row.get(f"videos/{key}/from_timestamp", 0.0))
+    wanted = t[kept] + data.place(f"videos/{key}/from_timestamp")
     # Each row has the frame whose stamp is nearest.
-    numbers = np.abs(film.t[None] - (t[kept] + start)[:, None]).argmin(1)
-    apart = np.abs(film.t[numbers] - t[kept] - start)
+    after = np.clip(np.searchsorted(film.t, wanted), 1, len(film.t) - 1)
+    numbers = after - (wanted - film.t[after - 1] <= film.t[after] - wanted)
+    apart = np.abs(film.t[numbers] - wanted)
     far = apart > 0.5 / film.rate
     notes = [*told, *([f"{int(far.sum())} rows without a frame dropped"] if far.any() else [])]
     if (~far).sum() < 2:
@@ -125,32 +142,31 @@ def read_lerobot_log(path: Path, number: int = 0) -> Columns:
     table = _table(data, [*dict.fromkeys([*_OWN, *wanted])])
     values: dict[str, np.ndarray] = {}
     for name in table.column_names:
-        with guarded(path / INFO, f"numbers in feature {name}"):
-            rows = np.array(table[name].to_pylist(), float)
-            if rows.ndim == 1:
-                values[name] = rows
-                continue
-            flat = rows.reshape(len(rows), -1)
+        rows = _numbers(data, table, name)
+        if rows.ndim == 1:
+            values[name] = rows
+            continue
+        flat = rows.reshape(len(rows), -1)
+        with guarded(path / INFO, f"names of the elements of {name}"):
             names = data.features.get(name, {}).get("names")
             names = next(iter(names.values())) if isinstance(names, dict) else names
             names = names if isinstance(names, list) and len(names) == flat.shape[1] else range(flat.shape[1])
             values |= {f"{name}.{one}": flat[:, k] for k, one in enumerate(names)}
             values |= {f"{name}.{k}": flat[:, k] for k in range(flat.shape[1])}
-    if "timestamp" not in values:
-        raise InputError(path / INFO, value="no column timestamp", allowed="a data set of LeRobot, v2 or v3")
     return Columns(path, values, np.arange(1, len(table) + 1), "timestamp")
 
 
 def _open(path: Path, number: int) -> _DataSet:
     require_package("pyarrow", "lab", "data sets of LeRobot")
     info, row = read_json(path / INFO), dict[str, Any]()
-    files = sorted((path / "meta/episodes").rglob("*.parquet"))
+    files = sorted((path / EPISODES).rglob("*.parquet"))
     if files:
         import pyarrow.parquet
 
         found: list[dict[str, Any]] = []
         for file in files:
             with guarded(file, "a whole parquet file"):
+                require_contents(file, _MOST_BYTES)
                 names = [one for one in pyarrow.parquet.read_schema(file).names if not one.startswith("stats/")]
                 filters = [("episode_index", "=", number)]
                 found += pyarrow.parquet.read_table(file, columns=names, filters=filters).to_pylist()
@@ -177,11 +193,21 @@ def _table(data: _DataSet, columns: list[str]) -> Any:
     return table
 
 
+def _numbers(data: _DataSet, table: Any, name: str) -> np.ndarray:
+    """Numbers (rows, ...) of a column, one in a row of those that each data set has; NaN for none."""
+    if name not in table.column_names:
+        raise InputError(data.folder / INFO, value=f"no column {name}", allowed="a data set of LeRobot, v2 or v3")
+    with guarded(data.folder / INFO, f"numbers in feature {name}"):
+        numbers = np.array(table[name].to_pylist(), float)
+        return numbers.reshape(len(table)) if name in _OWN else numbers
+
+
 def _images(data: _DataSet, key: str, rows: np.ndarray) -> Iterator[np.ndarray]:
-    column = _table(data, [key])[key]
+    table, allowed = _table(data, [key]), "PNG or JPEG in each row"
     for row in rows.tolist():
-        content = (column[row].as_py() or {}).get("bytes")
-        picture = None if content is None else cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+        with guarded(data.folder, f"{allowed} of {key}"):
+            content = table[key][row].as_py()["bytes"]
+            picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
         if picture is None:
-            raise InputError(data.folder, row=row + 1, value=f"no image in {key}", allowed="PNG or JPEG in each row")
+            raise InputError(data.folder, row=row + 1, value=f"no image in {key}", allowed=allowed)
         yield cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)

@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from pinwm_drake.capture.importers.bag import BAG_SUFFIXES, read_bag_film, read_bag_log
+from pinwm_drake.capture.importers.bag import BAG_SUFFIXES, METADATA, read_bag_film, read_bag_log
 from pinwm_drake.capture.importers.csv_log import read_csv
 from pinwm_drake.capture.importers.film import Columns, Film
 from pinwm_drake.capture.importers.lcm_log import is_lcm_log, read_lcm_film, read_lcm_log
@@ -58,4 +58,4 @@ def read_log(path: Path, *, topic: str | None = None, number: int = 0) -> Column
 
 
 def _is_bag(path: Path) -> bool:
-    return is_file(path / "metadata.yaml") or path.suffix.lower() in BAG_SUFFIXES
+    return is_file(path / METADATA) or path.suffix.lower() in BAG_SUFFIXES

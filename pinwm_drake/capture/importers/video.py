@@ -13,7 +13,7 @@ from pinwm_drake.capture.importers.film import Film, in_order, stamps_of_names, 
 from pinwm_drake.capture.paths import is_file, is_folder, require_file
 from pinwm_drake.capture.static_views import is_picture
 from pinwm_drake.errors import InputError
-from pinwm_drake.reading.contents import opened
+from pinwm_drake.reading.contents import require_contents
 from pinwm_drake.reading.pictures import opened_picture
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".gif")
@@ -37,7 +37,10 @@ def read_video(path: Path, rate: float | None = None) -> Film:
     capture, stamps = _opened(path), list[float]()
     try:
         announced = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        while len(stamps) < _MOST_FRAMES and capture.grab():
+        while capture.grab():
+            if len(stamps) == _MOST_FRAMES:
+                allowed = f"{_MOST_FRAMES} frames at most: cut out the part with the push"
+                raise InputError(path, value="more of them", allowed=allowed)
             stamps.append(1e-3 * float(capture.get(cv2.CAP_PROP_POS_MSEC)))
     finally:
         capture.release()
@@ -73,8 +76,7 @@ def read_video(path: Path, rate: float | None = None) -> Film:
 
 def _opened(path: Path) -> cv2.VideoCapture:
     require_file(path, "a video")
-    with opened(path, _MOST_BYTES):
-        pass
+    require_contents(path, _MOST_BYTES)
     # A path with a % would be read as the pattern of a sequence of images.
     capture = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
     if not capture.isOpened():

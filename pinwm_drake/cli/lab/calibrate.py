@@ -8,6 +8,7 @@ from pinwm_drake.experiments.requests.stations import CalibrateRequest
 
 if TYPE_CHECKING:
     from pinwm_drake.station.calibrate import Calibration
+    from pinwm_drake.station.document import Station
 
 
 def calibrate(request: CalibrateRequest) -> None:
@@ -32,19 +33,17 @@ def calibrate(request: CalibrateRequest) -> None:
         found, station = calibrate(request.folder, request.out, show)
     for note in found.notes:
         warn(note)
-    for line in words(found):
+    for line in words(found, station):
         say(line)
     say(f"wrote {station.path} (SHA-256 {station.sha256[:12]}...); residuals as pictures are in {PICTURES}/ beside it")
 
 
-def words(found: "Calibration") -> list[str]:
+def words(found: "Calibration", station: "Station") -> list[str]:
     """Accuracy of a calibration, one line each."""
     import numpy as np
 
-    from pinwm_drake.station.calibrate import document_of
-
-    noise, reached, document = found.solution.bundle.noise, found.accuracy, document_of(found)
-    lens, table = found.solution.lens, document.world.table
+    noise, reached = found.solution.bundle.noise, found.accuracy
+    lens, table = found.solution.lens, station.document.world.table
     fx, fy, cx, cy = lens.intrinsics
     return [
         f"lens: {lens.model}, fx {fx:.1f}, fy {fy:.1f}, cx {cx:.1f}, cy {cy:.1f} px; corners are {noise.pixel:.3f} px "

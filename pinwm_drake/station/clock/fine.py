@@ -43,16 +43,12 @@ class ClockFit:
         deviation: s, its standard deviation.
         rate: Seconds of the log for each second of the film.
         residual: px, median of what is left of the patches' shifts.
-        late: (n,) [s], by how much single frames are later than `offset` says, and
-        late_deviation: (n,) [s], their standard deviations; infinite where the pusher rests.
     """
 
     offset: float
     deviation: float
     rate: float
     residual: float
-    late: np.ndarray
-    late_deviation: np.ndarray
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -73,8 +69,7 @@ def refine(film: PusherFilm, offset: float, rate: float = 1.0) -> ClockFit:
     scatter = float(weights @ (offsets - mean) ** 2 / weights.sum())
     independent = float(weights.sum() ** 2 / (weights**2).sum())
     deviation = _WIDER * float(np.sqrt(1 / weights.sum() + scatter / independent))
-    late = whole.late + whole.offset - mean
-    return ClockFit(mean, deviation, rate, whole.residual, late, whole.late_deviation)
+    return ClockFit(mean, deviation, rate, whole.residual)
 
 
 def find_rate(film: PusherFilm, offset: float) -> tuple[float, float]:
@@ -109,12 +104,8 @@ def _refine(film: PusherFilm, offset: float, rate: float, drifts: bool = False) 
         offset, rate = offset + step - faster * middle, rate + faster
         if abs(step) + abs(faster) < _SMALL:
             break
-    speed = np.einsum("ki,kij,kj->k", velocity, information, velocity)
-    moving = speed > 1e-3 * max(float(speed.max()), 1e-12)
-    late = np.where(moving, np.einsum("ki,kij,kj->k", velocity, information, left) / np.maximum(speed, 1e-12), 0.0)
-    late_deviation = np.where(moving, fit.scale / np.sqrt(np.maximum(speed, 1e-12)), np.inf)
     residual = float(np.median(np.linalg.norm(left, axis=1)))
-    return ClockFit(offset, fit.deviation, rate, residual, late, late_deviation)
+    return ClockFit(offset, fit.deviation, rate, residual)
 
 
 def _shifts(film: PusherFilm, seen: Seen, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +132,6 @@ def _shifts(film: PusherFilm, seen: Seen, weights: np.ndarray) -> tuple[np.ndarr
 class _Regression:
     values: np.ndarray  # (p,)
     deviation: float  # of the step of the offset
-    scale: float  # of the residuals, in units of what the information says
 
 
 def _regression(y: np.ndarray, information: np.ndarray, design: np.ndarray) -> _Regression:
@@ -161,4 +151,4 @@ def _regression(y: np.ndarray, information: np.ndarray, design: np.ndarray) -> _
     # Residuals of neighbours are alike; so many fewer of them are independent.
     alike = float(np.clip((left[1:] * left[:-1]).sum() / max(float((left**2).sum()), 1e-12), 0.0, 0.95))
     deviation = float(np.sqrt(np.linalg.inv(normal)[6, 6] * (1 + alike) / (1 - alike)))
-    return _Regression(values, deviation, scale)
+    return _Regression(values, deviation)
