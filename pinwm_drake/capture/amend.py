@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from pinwm_drake.documents import Entry
+from pinwm_drake.documents import Entry, yaml_text
 from pinwm_drake.errors import PinwmError
 from pinwm_drake.files import replacing
 from pinwm_drake.reading.contents import read_text
@@ -40,7 +40,7 @@ def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
         for keys, value in values.items():
             changed = _changed(changed, keys, value)
     if not text.strip() or _parsed(changed, path) != wanted:
-        changed = yaml.safe_dump(wanted, sort_keys=False, default_flow_style=None, allow_unicode=True)
+        changed = yaml_text(wanted)
     with replacing(path) as temporary:
         temporary.write_text(changed, encoding="utf-8")
     return changed.count("#") >= text.count("#")
