@@ -7,7 +7,7 @@ import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.station.clock.coarse import FEW, STEP, Guess, search, standardised
-from pinwm_drake.station.clock.fine import ClockFit, find_rate, refine
+from pinwm_drake.station.clock.fine import ClockFit, find_jump, find_rate, refine
 from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 
 SPAN = 1.5  # s, by which clocks may differ
@@ -43,10 +43,10 @@ def find_clock(film: PusherFilm, path: Path, *, around: float = 0.0, span: float
     if not _trusted(guess):
         raise _explained(film, path, guess, around, span)
     if (cut := find_cut(film, guess.offset)) is not None:
-        raise _cut(path, *cut)
+        raise _cut_or_rate(film, path, guess.offset, cut)
     if (rate := _other_rate(film, guess, around, span)) is not None:
-        raise _wrong_rate(path, film, rate)
-    fit = _with_drift(film, refine(film, guess.offset))
+        raise _wrong_rate(path, film, rate.rate)
+    fit = _with_drift(film, path, refine(film, guess.offset))
     if fit.deviation > _SURE:
         found = f"an offset of {fit.offset:.3f} s that is sure to {1e3 * 1.96 * fit.deviation:.0f} ms only"
         allowed = "a film that shows the pusher of this log start or stop, from the side; or --offset"
@@ -63,7 +63,7 @@ def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: 
     if _trusted(search(film.mirrored(), around - span, around + span, most=2 * FEW)):
         return InputError(path, value="a mirrored image", allowed="pictures as the camera sees, not flipped")
     if (rate := _other_rate(film, guess, around, span)) is not None:
-        return _wrong_rate(path, film, rate)
+        return _wrong_rate(path, film, rate.rate)
     low, high = film.log_t[0] - film.t[-1], film.log_t[-1] - film.t[0]
     wide = search(film, float(low), float(high), most=4 * FEW)
     if _trusted(wide):
@@ -114,9 +114,17 @@ def find_cut(film: PusherFilm, offset: float) -> tuple[float, float, float, floa
     return float(some.t[place + 1]), float(offsets[second] - offsets[first]), gain, correlation
 
 
-def _cut(path: Path, time: float, jump: float, gain: float, both: float) -> InputError:
+def _cut(path: Path, time: float, jump: float, *_: float) -> InputError:
     found = f"a film that is cut near {time:.2f} s: {jump:.2f} s are missing"
     return InputError(path, value=found, allowed="a film in one piece, or with stamps that tell the gap")
+
+
+def _cut_or_rate(film: PusherFilm, path: Path, offset: float, cut: tuple[float, float, float, float]) -> InputError:
+    """Error that names a cut, or the rate where that explains the film better; a wrong one looks like a cut too."""
+    rate, residual = find_rate(film, offset)
+    if abs(rate - 1) > _FASTEST and residual < find_jump(film, offset)[2]:
+        return _wrong_rate(path, film, rate)
+    return _cut(path, *cut)
 
 
 def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> Guess | None:
@@ -133,18 +141,28 @@ def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> G
     return found if better and _trusted(found) else None
 
 
-def _wrong_rate(path: Path, film: PusherFilm, guess: Guess) -> InputError:
+def _wrong_rate(path: Path, film: PusherFilm, rate: float) -> InputError:
     now = 1 / float(np.median(np.diff(film.t)))
-    found = f"stamps of another clock: a second of the film is {guess.rate:.3g} s of the log"
-    allowed = f"the right stamps; if {now:.4g} Hz is wrong, --rate {now / guess.rate:.4g}"
+    found = f"stamps of another clock: a second of the film is {rate:.3g} s of the log"
+    allowed = f"the right stamps; if {now:.4g} Hz is wrong, --rate {now / rate:.4g}"
     return InputError(path, value=found, allowed=allowed)
 
 
-def _with_drift(film: PusherFilm, fit: ClockFit) -> ClockFit:
-    """Return the fit, or one at another rate where that explains the film much better."""
+def _with_drift(film: PusherFilm, path: Path, fit: ClockFit) -> ClockFit:
+    """Return the fit, or one at another rate where that explains the film much better.
+
+    Raises:
+        InputError: A piece that is missing explains it better than a rate does, or the rate is not that of a drift.
+    """
     rate, residual = find_rate(film, fit.offset)
-    drift = abs(rate - 1) * float(np.ptp(film.t))
-    if drift < _DRIFT or abs(rate - 1) > _FASTEST or residual > _EXPLAINED * fit.residual:
+    if abs(rate - 1) * float(np.ptp(film.t)) < _DRIFT or residual > _EXPLAINED * fit.residual:
         return fit
-    middle = float(np.mean(film.t))
-    return refine(film, fit.offset + (1 - rate) * middle, rate)
+    better = refine(film, fit.offset + (1 - rate) * float(np.mean(film.t)), rate)
+    if better.deviation > _SURE:  # a film that hardly moves tells neither
+        return better if abs(rate - 1) <= _FASTEST else fit
+    time, jump, left = find_jump(film, fit.offset)
+    if jump > _JUMP and left < _EXPLAINED * residual:
+        raise _cut(path, time, jump)
+    if abs(rate - 1) > _FASTEST:
+        raise _wrong_rate(path, film, rate)
+    return better

@@ -24,6 +24,7 @@ _ROUNDS, _SMALL = 60, 5e-5  # s: below this step the search ends
 _MOST_SHIFT = 3.0  # px in one round
 _A, _B = 30.0, 0.02  # standard deviations before the film is seen: px, 1
 _STEP, _RATE = 0.2, 0.03  # s, 1
+_PLACES = np.arange(0.15, 0.9, 0.05)  # shares of the way after which a piece may be missing
 _REST = 0.02  # weight of a frame at rest, of the heaviest
 _TAIL = 2.5  # deviations beyond which a frame counts less
 _ROUNDS_OF_WEIGHTS = 12
@@ -58,8 +59,8 @@ class ClockFit:
 
 def refine(film: PusherFilm, offset: float, rate: float = 1.0) -> ClockFit:
     """Return the offset near a guess [s] at which the pusher stands still in its patches, with its deviation."""
-    whole = _refine(film, offset, rate)
-    fits = [whole, *(_refine(film.band(k, _BANDS), whole.offset, rate) for k in range(_BANDS))]
+    whole, _ = _refine(film, offset, rate)
+    fits = [whole, *(_refine(film.band(k, _BANDS), whole.offset, rate)[0] for k in range(_BANDS))]
     offsets = np.array([fit.offset for fit in fits])
     told = (_FACTOR * np.array([fit.deviation for fit in fits])) ** 2 + _FLOOR**2
     weights = 1 / told
@@ -74,16 +75,41 @@ def refine(film: PusherFilm, offset: float, rate: float = 1.0) -> ClockFit:
 
 def find_rate(film: PusherFilm, offset: float) -> tuple[float, float]:
     """Return the seconds of the log for each second of the film, near 1, and the residual [px] that is left then."""
-    fit = _refine(film, offset, 1.0, drifts=True)
-    return fit.rate, fit.residual
+    fit, faster = _refine(film, offset, 1.0, film.t - np.mean(film.t), _RATE)
+    return 1.0 + faster, fit.residual
 
 
-def _refine(film: PusherFilm, offset: float, rate: float, drifts: bool = False) -> ClockFit:
-    """Offset [s] near a guess, and the rate where the clock `drifts`, with the deviation that residuals tell."""
-    middle = float(np.mean(film.t))
+def find_jump(film: PusherFilm, offset: float) -> tuple[float, float, float]:
+    """Return the time [s] of the film from which on the log is later, by how much [s], and the residual [px].
+
+    The place is that of the least residual; a film that is cut has such a place.
+    """
+    way = np.cumsum(path_weights(film.look(film.t + offset).centre))
+    found = []
+    for share in _PLACES:
+        first = int(np.searchsorted(way, share * way[-1])) + 1
+        fit, jump = _refine(film, offset, 1.0, (np.arange(len(film.t)) >= first).astype(float), _STEP)
+        found.append((fit.residual, float(film.t[min(first, len(film.t) - 1)]), jump))
+    residual, time, jump = min(found)
+    return time, jump, residual
+
+
+def _refine(
+    film: PusherFilm, offset: float, rate: float, shape: np.ndarray | None = None, spread: float = _RATE
+) -> tuple[ClockFit, float]:
+    """Offset [s] near a guess, with the deviation that residuals tell, and how much of a shape the log's times have.
+
+    Args:
+        film: Film and log.
+        offset: s, the guess.
+        rate: Seconds of the log for each second of the film.
+        shape: (n,) that the log's times of frames are free to have besides; None for none.
+        spread: Standard deviation of how much of it, before the film is seen.
+    """
+    shape, amount = np.zeros(len(film.t)) if shape is None else shape, 0.0
     n, shift = len(film.t), np.zeros((len(film.t), 2))
     for _ in range(_ROUNDS):
-        log_t = film.t * rate + offset
+        log_t = film.t * rate + offset + amount * shape
         seen = film.look(log_t, shift)
         weights = path_weights(seen.centre)
         weights = weights + _REST * weights.max() + 1e-9
@@ -95,17 +121,17 @@ def _refine(film: PusherFilm, offset: float, rate: float, drifts: bool = False) 
         design[:, 0, 0] = design[:, 1, 1] = 1.0
         design[:, 0, 2:4] = design[:, 1, 4:6] = seen.centre - weights @ seen.centre
         design[:, :, 6] = velocity
-        design[:, :, 7] = velocity * (film.t - middle)[:, None] * drifts
-        fit = _regression(shift, information, design)
+        design[:, :, 7] = velocity * shape[:, None]
+        fit = _regression(shift, information, design, spread)
         left = shift - design @ fit.values
-        step, faster = float(fit.values[6]), float(fit.values[7])
+        step, more = float(fit.values[6]), float(fit.values[7])
         # The next template is that of the model: what is left may be noise.
-        shift = shift - left - velocity * step - design[:, :, 7] * faster
-        offset, rate = offset + step - faster * middle, rate + faster
-        if abs(step) + abs(faster) < _SMALL:
+        shift = shift - left - velocity * step - design[:, :, 7] * more
+        offset, amount = offset + step, amount + more
+        if abs(step) + abs(more) < _SMALL:
             break
     residual = float(np.median(np.linalg.norm(left, axis=1)))
-    return ClockFit(offset, fit.deviation, rate, residual)
+    return ClockFit(offset, fit.deviation, rate, residual), amount
 
 
 def _shifts(film: PusherFilm, seen: Seen, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -134,12 +160,15 @@ class _Regression:
     deviation: float  # of the step of the offset
 
 
-def _regression(y: np.ndarray, information: np.ndarray, design: np.ndarray) -> _Regression:
-    """Least squares of y (n, 2) by a design (n, 2, 8) and the model's prior, with weights that outliers lose."""
+def _regression(y: np.ndarray, information: np.ndarray, design: np.ndarray, spread: float) -> _Regression:
+    """Least squares of y (n, 2) by a design (n, 2, 8) and the model's prior, with weights that outliers lose.
+
+    The prior of the last column has the standard deviation `spread`.
+    """
     floor = (1e-9 * np.trace(information, axis1=1, axis2=2).mean() + 1e-12) * np.eye(2)
     root = np.linalg.cholesky(information + floor).transpose(0, 2, 1)
     target, columns = np.einsum("kij,kj->ki", root, y), root @ design
-    prior = np.diag([_A**-2] * 2 + [_B**-2] * 4 + [_STEP**-2, _RATE**-2])
+    prior = np.diag([_A**-2] * 2 + [_B**-2] * 4 + [_STEP**-2, spread**-2])
     weights, scale = np.ones(len(y)), 1.0
     for _ in range(_ROUNDS_OF_WEIGHTS):
         normal = np.einsum("k,kip,kiq->pq", weights, columns, columns) / scale**2 + prior
