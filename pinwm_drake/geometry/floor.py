@@ -6,7 +6,7 @@ import math
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
 from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
 from pinwm_drake.geometry.rows import write_part
-from pinwm_drake.geometry.vectors import dot, norm, xyz
+from pinwm_drake.geometry.vectors import dot, norm, rotate_back, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
 
 _DIRECTIONS = 8
@@ -30,7 +30,7 @@ _FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 
 
 @large_internal_kernel
-def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, count):
+def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, rows, count):
     """Append the contacts of one body (A) with the floor (B).
 
     In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`.
@@ -41,6 +41,8 @@ def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, c
         spread: (3,), factors of the spread of a face's points, see `spread_point`.
         R_WB: (3, 3), its rotation.
         p_WB: (3,), its position, m, world frame.
+        V: (6,), its velocity, [rad/s; m/s].
+        h: Time for which contacts are sought, s.
         floor_height: z of the floor, m, world frame.
         margin: Contacts with a gap below this are appended, m.
         rows: (max_contacts, 16), receives feature rows from row `count` on.
@@ -63,7 +65,10 @@ def collide_floor(table, body, spread, R_WB, p_WB, floor_height, margin, rows, c
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
         if table.floor_owners[i] != IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
             if count - first == MAX_FLOOR_POINTS:
-                count = _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, first)
+                # The change of a point's height in that time is (dx, dy, dz) . p + fall.
+                dx, dy, dz = rotate_back(R_WB, -h * V[1], h * V[0], 0.0)
+                later = (ux + dx, uy + dy, uz + dz, lift + h * V[5])
+                count = _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, rows, first)
                 break
             count = _append_point(table, i, spread, floor_height, rows, count)
     for piece in range(table.bodies[body, 0], table.bodies[body + 1, 0]):
@@ -131,12 +136,13 @@ def _append_point(table, i, spread, floor_height, rows, count):
 
 
 @internal_kernel
-def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, count):
+def _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, rows, count):
     """Append, of the points of no face, those lowest when the body tilts in eight directions, and the deepest.
 
     It tilts by as much as takes it through the margin, so that the points that a step may bring to the floor are among
     them; of a face that lies flat they are the outermost ones. The directions lie in the coordinate plane of the body
-    that is most nearly horizontal, so that the choice changes little while the body turns.
+    that is most nearly horizontal, so that the choice changes little while the body turns. Those lowest at the end of
+    the step are appended as well, where the body tilts by a quarter of that: what rolls lands on them.
     """
     start, end = table.bodies[body, 1], table.bodies[body + 1, 1]
     first_axis, second_axis = 0, 1
@@ -145,11 +151,11 @@ def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, c
     elif abs(uy) > abs(uz):
         first_axis, second_axis = 0, 2
     first = count
-    if first + _DIRECTIONS >= rows.shape[0]:
+    if first + 2 * _DIRECTIONS >= rows.shape[0]:
         return rows.shape[0]
     tilt = margin / table.body_spheres[body, 3]
     # The rows to come hold what is best so far: point and height of each direction.
-    for k in range(_DIRECTIONS):
+    for k in range(2 * _DIRECTIONS):
         rows[first + k, 0], rows[first + k, 1] = -1.0, math.inf
     deepest, depth = -1, math.inf
     for i in range(start, end):
@@ -159,12 +165,17 @@ def _reduce(table, body, spread, ux, uy, uz, lift, floor_height, margin, rows, c
         if gap < depth - _SAME_DEPTH:
             deepest, depth = i, gap
         x, y = table.floor_points[i, first_axis], table.floor_points[i, second_axis]
+        px, py, pz = spread_point(table, i, spread)
+        end_gap = dot(later[0], later[1], later[2], px, py, pz) + later[3] - table.floor_points[i, 3]
         for k in range(_DIRECTIONS):
-            height = gap - tilt * (_DIRECTION_COS[k] * x + _DIRECTION_SIN[k] * y)
-            if height < rows[first + k, 1]:
-                rows[first + k, 0], rows[first + k, 1] = float(i), height
+            out = tilt * (_DIRECTION_COS[k] * x + _DIRECTION_SIN[k] * y)
+            if gap - out < rows[first + k, 1]:
+                rows[first + k, 0], rows[first + k, 1] = float(i), gap - out
+            if end_gap - 0.25 * out < rows[first + _DIRECTIONS + k, 1]:
+                rows[first + _DIRECTIONS + k, 0] = float(i)
+                rows[first + _DIRECTIONS + k, 1] = end_gap - 0.25 * out
     lowest_kept = math.inf
-    for k in range(_DIRECTIONS):
+    for k in range(2 * _DIRECTIONS):
         outermost = int(rows[first + k, 0])
         known = False
         for row in range(first, count):

@@ -17,7 +17,7 @@ FLOOR = np.eye(3), np.zeros(3)
 
 def floor_contacts(table: PieceTable, X_WB, margin: float, height: float = 0.0) -> list[dict]:
     rows = np.zeros((64, 16))
-    count = collide_floor(table, 0, np.ones(3), *X_WB, height, margin, rows, 0)
+    count = collide_floor(table, 0, np.ones(3), *X_WB, np.zeros(6), 0.0, height, margin, rows, 0)
     return [evaluate(rows[k], X_WB, FLOOR) for k in range(count)]
 
 

@@ -153,8 +153,8 @@ def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, co
 def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
     """Write a rim against the line from vertex v to vertex w of another body.
 
-    Where circle and line are ill-conditioned, the line's point is written against the plane across the
-    normal.
+    Where the normal is along the axis, the line is written over the cap; where circle and line are ill-conditioned
+    otherwise, its point against the plane across the normal.
 
     Args:
         table: PieceTable.
@@ -177,9 +177,12 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
     fx, fy, fz, _ = radial(ux, uy, uz, px + t * dx - rx, py + t * dy - ry, pz + t * dz - rz)
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
     crossing = norm(*cross(tx, ty, tz, dx, dy, dz))
-    if sine > _MIN_SINE and crossing > PARALLEL_SINE and dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE:
+    near = dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE
+    if sine > _MIN_SINE and crossing > PARALLEL_SINE and near:
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
+    elif near and not sine > _MIN_SINE:
+        write_crossing(table, piece, end, v, w, t, fx, fy, fz, X_CL, rows, count, column)
     else:
         write_part(rows, count, column, PLANE, qx, qy, qz, nx, ny, nz, 0.0)
         write_segment_place(table, v, w, t, rows, count, 8 - column)
