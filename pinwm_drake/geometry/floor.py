@@ -3,8 +3,9 @@
 
 import math
 
+from pinwm_drake.geometry.contact.cylinder_parts import rim_axes
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
+from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, RIM_CORNERS, UNLESS_FLAT
 from pinwm_drake.geometry.rows import write_part
 from pinwm_drake.geometry.vectors import dot, norm, rotate_back, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
@@ -17,9 +18,16 @@ _DIRECTION_SIN = tuple(math.sin(2.0 * math.pi * k / _DIRECTIONS) for k in range(
 # points of a face that lies flat on the floor differ by rounding, and the choice must not follow that.
 _SAME_DEPTH = 1.0e-7
 
-# Sine of the tilt above which a rim touches with its lowest point, and below which it does not (there the
-# point's place is ill-conditioned; the points fixed on the rim are too high by 0.08 radius * tilt at most).
+# Sine of the tilt, off standing or lying, above which a rim touches with its corners. Those below it would be chosen by
+# rounding; the points fixed on the rim are too high by 0.08 radius * tilt at most.
 _MIN_TILT = 1.0e-4
+# The round side of a cylinder ends this share of the radius before each rim, but at most a quarter of the length. So one
+# that lies rolls on what is round, and one that tips lies on a corner from 0.06 rad on.
+_INSET, _MOST_INSET = 0.02, 0.25
+# Sine of the tilt off lying from which on the round side is beyond reach: a corner is lower by 0.28 % of the radius.
+_LYING = 0.2
+# Places that are nearer than this are the same corner, m.
+_SAME_PLACE = 1.0e-9
 
 # The fixed points serve a cylinder that stands. Off 0.2 rad they would only make a rolling cylinder a
 # polygon.
@@ -33,7 +41,8 @@ _FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, rows, count):
     """Append the contacts of one body (A) with the floor (B).
 
-    In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`.
+    In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`, or -1 for a corner of
+    a rim.
 
     Args:
         table: PieceTable.
@@ -57,6 +66,9 @@ def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, r
     cx, cy, cz = xyz(table.body_spheres, body)
     if dot(ux, uy, uz, cx, cy, cz) + lift - table.body_spheres[body, 3] >= margin:
         return count
+    # The change of a point's height in that time is (dx, dy, dz) . p + fall.
+    dx, dy, dz = rotate_back(R_WB, -h * V[1], h * V[0], 0.0)
+    later = (ux + dx, uy + dy, uz + dz, lift + h * V[5])
     # The points of a face carry it together, none of them can stand for others.
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
         if table.floor_owners[i] == IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
@@ -65,15 +77,12 @@ def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, r
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
         if table.floor_owners[i] != IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
             if count - first == MAX_FLOOR_POINTS:
-                # The change of a point's height in that time is (dx, dy, dz) . p + fall.
-                dx, dy, dz = rotate_back(R_WB, -h * V[1], h * V[0], 0.0)
-                later = (ux + dx, uy + dy, uz + dz, lift + h * V[5])
                 count = _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, rows, first)
                 break
             count = _append_point(table, i, spread, floor_height, rows, count)
     for piece in range(table.bodies[body, 0], table.bodies[body + 1, 0]):
         if table.pieces[piece, 0] == CYLINDER:
-            count = _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count)
+            count = _append_rims(table, piece, ux, uy, uz, lift, later, floor_height, margin, rows, first, count)
     return count
 
 
@@ -97,7 +106,7 @@ def spread_point(table, i, spread):
 @internal_kernel
 def spread_adjoint(table, i, gx, gy, gz, bar):
     """Adjoint of `spread_point`: adds to bar (3,) the gradient by the factors, from that (gx, gy, gz) by the point."""
-    if table.floor_owners[i] != IF_FLAT:
+    if i < 0 or table.floor_owners[i] != IF_FLAT:
         return
     x, y, z = xyz(table.floor_points, i)
     nx, ny, nz = xyz(table.floor_faces, i)
@@ -189,22 +198,63 @@ def _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, 
 
 
 @internal_kernel
-def _append_rims(table, piece, ux, uy, uz, lift, floor_height, margin, rows, count):
-    """Append the lowest point of each rim of a tilted cylinder."""
+def _append_rims(table, piece, ux, uy, uz, lift, later, floor_height, margin, rows, first, count):
+    """Append what a cylinder that does not stand touches the floor with: its round side, and corners of its rims.
+
+    Its side is round, so that it rolls as a cylinder when it lies. Each rim is a regular polygon, so that what tumbles
+    on it loses what a rimless wheel does. Of its corners those count that are beside the lowest place now and later.
+    """
     ax, ay, az = xyz(table.axes, piece)
     cosine = dot(ax, ay, az, ux, uy, uz)
     px, py, pz = ux - cosine * ax, uy - cosine * ay, uz - cosine * az
     tilt = norm(px, py, pz)
-    if tilt < _MIN_TILT:
-        return count
-    first = table.pieces[piece, 1]
-    radius = table.vertices[first, 3]
+    v = table.pieces[piece, 1]
+    radius = table.vertices[v, 3]
+    inset = min(_INSET * radius, _MOST_INSET * table.axes[piece, 3])
+    tips = max(abs(cosine), abs(dot(ax, ay, az, later[0], later[1], later[2]))) > _MIN_TILT
     for end in range(2):
-        x, y, z = xyz(table.vertices, first + end)
-        if dot(ux, uy, uz, x, y, z) + lift - radius * tilt < margin and count < rows.shape[0]:
-            # The axis of a rim points out of the cylinder.
-            sign = 2.0 * end - 1.0
-            write_part(rows, count, 0, CIRCLE, x, y, z, sign * ax, sign * ay, sign * az, radius)
+        x, y, z = xyz(table.vertices, v + end)
+        # The axis of a rim points out of the cylinder.
+        sign = 2.0 * end - 1.0
+        low = dot(ux, uy, uz, x, y, z) + lift - radius * tilt
+        if abs(cosine) < _LYING and low - sign * inset * cosine < margin and count < rows.shape[0]:
+            k = sign * inset
+            write_part(
+                rows, count, 0, CIRCLE, x - k * ax, y - k * ay, z - k * az, sign * ax, sign * ay, sign * az, radius
+            )
+            write_part(rows, count, 8, PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
+            count += 1
+        if tips and low < margin:
+            up = (ux, uy, uz, lift)
+            count = _append_corners(table, piece, end, up, up, floor_height, margin, rows, first, count)
+            count = _append_corners(table, piece, end, up, later, floor_height, margin, rows, first, count)
+    return count
+
+
+@internal_kernel
+def _append_corners(table, piece, end, up, then, floor_height, margin, rows, first, count):
+    """Append the two corners of a rim beside its lowest place where `then` is up, unless they are there already."""
+    ex, ey, ez, fx, fy, fz = rim_axes(table, piece)
+    toward_e, toward_f = dot(ex, ey, ez, then[0], then[1], then[2]), dot(fx, fy, fz, then[0], then[1], then[2])
+    if math.hypot(toward_e, toward_f) < _MIN_TILT:
+        return count
+    v = table.pieces[piece, 1] + end
+    cx, cy, cz = xyz(table.vertices, v)
+    before = math.floor(math.atan2(-toward_f, -toward_e) * (0.5 / math.pi * RIM_CORNERS))
+    for k in range(2):
+        angle = (before + k) * (2.0 * math.pi / RIM_CORNERS)
+        c, s = table.vertices[v, 3] * math.cos(angle), table.vertices[v, 3] * math.sin(angle)
+        x, y, z = cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
+        if dot(up[0], up[1], up[2], x, y, z) + up[3] >= margin or count == rows.shape[0]:
+            continue
+        known = False
+        for row in range(first, count):
+            known = known or (
+                rows[row, 0] == POINT
+                and norm(rows[row, 1] - x, rows[row, 2] - y, rows[row, 3] - z) < _SAME_PLACE
+            )
+        if not known:
+            write_part(rows, count, 0, POINT, x, y, z, -1.0, 0.0, 0.0, 0.0)
             write_part(rows, count, 8, PLANE, 0.0, 0.0, floor_height, 0.0, 0.0, 1.0, 0.0)
             count += 1
     return count

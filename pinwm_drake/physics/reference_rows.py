@@ -106,7 +106,7 @@ def _placed(model: Model, parameters: Parameters, rows: Tensor, body: Tensor, va
     still = rows.new_zeros(len(rows), 2, 3)
     center = torch.cat([parameters.center - parameters.center.detach(), still], 1)
     change = torch.cat([parameters.spread - parameters.spread.detach(), still], 1)[world, body[..., 0]]
-    fixed = valid & (body[..., 1] == nb + 1) & (rows[..., 0] == POINT)
+    fixed = valid & (body[..., 1] == nb + 1) & (rows[..., 0] == POINT) & (rows[..., 4] >= 0.0)
     number = torch.where(fixed, rows[..., 4], torch.zeros_like(rows[..., 4])).long()
     fixed = fixed & (constant(table.floor_owners)[number] == IF_FLAT)
     n, x = constant(table.floor_faces)[number], constant(table.floor_points)[number][..., :3]

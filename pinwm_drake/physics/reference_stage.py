@@ -7,9 +7,11 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
+from pinwm_drake.geometry.pieces import CYLINDER
 from pinwm_drake.physics.cone import ContactProblem, solve
 from pinwm_drake.physics.kernels.detect import LEAST_REBOUND, SLOW
 from pinwm_drake.physics.kernels.dynamics import IMPACT, POSITION, VELOCITY
+from pinwm_drake.physics.kernels.rolling import LEVER, MOST_LEVER, RESTS
 from pinwm_drake.physics.kernels.stabilise import SLOP
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
@@ -96,6 +98,30 @@ def _free(model: Model, parameters: Parameters, state: State, h: Tensor, stage: 
     )
 
 
+def _rolling_torque(model: Model, parameters: Parameters, state: State) -> Tensor:
+    """Torques (W, nb, 3) of rolling friction at rims that rest on the floor; see `kernels/rolling.py`."""
+    R, g, torques = rotations(state), -float(model.arrays.gravity[2]), []
+    for b, body in enumerate(model.bodies):
+        torque = torch.zeros_like(state.V_WB[:, b, :3])
+        free = torch.ones_like(torque[:, :1], dtype=torch.bool)
+        rolls = model.arrays.pair_index[b, -1] >= 0 and g > 0.0
+        for piece in (piece for piece in body.pieces if rolls and piece.kind == CYLINDER):
+            ends = torch.as_tensor(piece.vertices).to(torque)
+            up = R[:, b, 2]
+            axis = R[:, b] @ ((ends[1] - ends[0]) / (ends[1] - ends[0]).norm())
+            heights = (up[:, None] * (ends - parameters.center[:, None, b])).sum(-1).amin(-1, keepdim=True)
+            lowest = state.p_WB[:, b, 2:] + heights - piece.radius * axis[:, :2].norm(dim=-1, keepdim=True)
+            rests = free & (lowest.detach() - (model.floor_height or 0.0) <= RESTS)
+            lever = min(LEVER, MOST_LEVER * piece.radius)
+            slow = 4.0 * lever * g * model.time_step / piece.radius**2
+            w = torch.nn.functional.pad(state.V_WB[:, b, :2], (0, 1))
+            weight = lever * g * parameters.mass[:, b, None] * axis[:, 2:] ** 2
+            torque = torque - torch.where(rests, weight * w / (w.square().sum(-1, keepdim=True) + slow**2).sqrt(), 0.0)
+            free = free & ~rests
+        torques.append(torque)
+    return torch.stack(torques, 1)
+
+
 def _velocities(contacts: Contacts, V: Tensor, V_WP: Tensor) -> Tensor:
     """Velocities (W, C, 3) of contacts in their frames, of bodies V (W, 6 nb) and the pusher."""
     return (contacts.J @ V[:, None, :, None] + contacts.J_P @ V_WP[:, None, :, None])[..., 0]
@@ -144,7 +170,8 @@ def build_stage(
     for b in range(nb):
         M[:, 6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = inertia[:, b]
         M[:, 6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = parameters.mass[:, b, None, None] * R[:, -1]
-    momentum = (M @ free[..., None])[..., 0]
+    torque = torch.nn.functional.pad(_rolling_torque(model, parameters, state), (0, 3)).flatten(1)
+    momentum = (M @ free[..., None])[..., 0] + 0.5 * h[:, None] * torque
 
     contacts = find_contacts(model, parameters, features, state)
     gap, bias = contacts.gap, (contacts.J_P @ V_WP[:, None, :, None])[..., 0]

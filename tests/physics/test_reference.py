@@ -179,3 +179,16 @@ def test_t_block_has_the_documented_shape():
     body = t_block()
     assert body.mass == 1.0
     assert body.inertia[2, 2] == pytest.approx(0.002191666, rel=1e-5)
+
+
+def test_a_mug_that_wobbles_on_its_rim_agrees():
+    body = Body("can", [cylinder(0.03, 0.08)], 0.3, box_inertia((0.05, 0.05, 0.08), 0.3))
+    model, tilt = Model(bodies=[body], pusher=[sphere(0.01)]), 0.1
+    state = State.at_rest(
+        model,
+        q_WB=(math.cos(tilt / 2), 0.6 * math.sin(tilt / 2), 0.8 * math.sin(tilt / 2), 0.0),
+        p_WB=(0.0, 0.0, 0.04 * math.cos(tilt) + 0.03 * math.sin(tilt) + 1e-5),
+        p_WP=(0.3, 0.0, 0.1),
+        V_WB=(0.3, -0.5, 1.0, 0.02, 0.0, 0.0),
+    )
+    compare(model, nominal(model, friction_floor=0.3), state, straight_push(8))

@@ -23,10 +23,8 @@ _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINT
 
 
 @internal_kernel
-def rim_place(table, piece, end, k):
-    """Return the point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
-    v = table.pieces[piece, 1] + end
-    cx, cy, cz = xyz(table.vertices, v)
+def rim_axes(table, piece):
+    """Return two unit vectors e and f across the axis, frame of the body, between which the places on a rim count."""
     ux, uy, uz = xyz(table.axes, piece)
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     # Across the axis, from the coordinate axis that is most nearly perpendicular to it.
@@ -36,10 +34,18 @@ def rim_place(table, piece, end, k):
         ex, ey, ez = -uy * ux, 1.0 - uy * uy, -uy * uz
     else:
         ex, ey, ez = -uz * ux, -uz * uy, 1.0 - uz * uz
-    size = table.vertices[v, 3] / norm(ex, ey, ez)
-    ex, ey, ez = size * ex, size * ey, size * ez
-    fx, fy, fz = cross(ux, uy, uz, ex, ey, ez)
-    c, s = _COSINES[k], _SINES[k]
+    size = norm(ex, ey, ez)
+    ex, ey, ez = ex / size, ey / size, ez / size
+    return ex, ey, ez, *cross(ux, uy, uz, ex, ey, ez)
+
+
+@internal_kernel
+def rim_place(table, piece, end, k):
+    """Return the point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
+    v = table.pieces[piece, 1] + end
+    cx, cy, cz = xyz(table.vertices, v)
+    ex, ey, ez, fx, fy, fz = rim_axes(table, piece)
+    c, s = table.vertices[v, 3] * _COSINES[k], table.vertices[v, 3] * _SINES[k]
     return cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
 
 

@@ -32,6 +32,7 @@ from pinwm_drake.physics.kernels.dynamics import (
 )
 from pinwm_drake.physics.kernels.joints import joints_adjoint
 from pinwm_drake.physics.kernels.recall import recall_contacts, recall_stage
+from pinwm_drake.physics.kernels.rolling import rolling_adjoint, rolling_torque
 from pinwm_drake.physics.kernels.small_matrix import lu_solve_transposed
 from pinwm_drake.physics.kernels.stabilise import stabilise
 from pinwm_drake.physics.kernels.time_adjoint import time_adjoint
@@ -119,6 +120,17 @@ def _momentum_adjoint(model, inertia, inertia_bar, mass_bar, bodies, system, sol
     for i in range(3):
         adjoint.V[b, i] = w_bar[i]
         adjoint.V[b, 3 + i] = mass * y[3 + i] + pull[3 + i]
+    drag, _, _ = rolling_torque(model, system.mass, bodies, b)
+    if half == 0.0 or drag == 0.0:
+        return
+    torque = (drag * V[0], drag * V[1], 0.0)
+    # It is no momentum that turns with the body.
+    add(pose, 0, -half, cross(torque, y))
+    if stage == VELOCITY:
+        adjoint.length[0] += 0.5 * dot(torque, y)
+    w_x, w_y = rolling_adjoint(model, system.mass, bodies, adjoint, mass_bar, b, half * y[0], half * y[1])
+    adjoint.V[b, 0] += w_x
+    adjoint.V[b, 1] += w_y
 
 
 @part_of_kernel

@@ -5,6 +5,7 @@ import math
 
 from pinwm_drake.geometry.vectors import cross, rotate, rotate_back
 from pinwm_drake.jit import kernel, small_kernel
+from pinwm_drake.physics.kernels.rolling import rolling_torque
 
 _NEWTON_STEPS = 8
 # Stages: velocities whose positions do not overlap, velocities after a step, and velocities after an impact.
@@ -158,3 +159,7 @@ def begin_stage(model, mass, inertia, bodies, system, stage):
                 total += system.inertia[b, i, j] * system.free[o + j]
             system.momentum[o + i] = total
             system.momentum[o + 3 + i] = mass[b] * system.free[o + 3 + i]
+        if half > 0.0:
+            drag, _, _ = rolling_torque(model, system.mass, bodies, b)
+            system.momentum[o] += half * drag * V[0]
+            system.momentum[o + 1] += half * drag * V[1]

@@ -9,6 +9,7 @@ from pinwm_drake.physics.kernels.curve import curve_slopes, move_halfway
 from pinwm_drake.physics.kernels.dynamics import gyroscopic_jacobian, rotation_from_quaternion, solve3
 from pinwm_drake.physics.kernels.geometry_adjoint import geometry_adjoint
 from pinwm_drake.physics.kernels.impact import GRAZES
+from pinwm_drake.physics.kernels.rolling import rolling_torque
 from pinwm_drake.physics.kernels.small_matrix import lu_solve_transposed
 from pinwm_drake.physics.kernels.triples import add, cross, dot, multiply, multiply_transposed, rotation_adjoint
 
@@ -36,6 +37,8 @@ def _length_adjoint(model, inertia, bodies, contacts, system, solver, adjoint, p
         a, b_, c, d, e, f, g, k, i_ = gyroscopic_jacobian(I_B, w, 0.5 * h)
         z = solve3((a, d, g, b_, e, k, c, f, i_), bar[0], bar[1], bar[2])
         total -= 0.5 * dot(z, cross(w, multiply(I_B, w)))
+        drag, _, _ = rolling_torque(model, system.mass, bodies, b)
+        total += 0.5 * drag * (bodies.V[b, 0] * y[o] + bodies.V[b, 1] * y[o + 1])
     for c in range(contacts.number[0]):
         if solver.mode[c] == OPEN:
             continue
