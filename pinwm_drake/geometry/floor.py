@@ -21,8 +21,8 @@ _SAME_DEPTH = 1.0e-7
 # Sine of the tilt, off standing or lying, above which a rim touches with its corners. Those below it would be chosen by
 # rounding; the points fixed on the rim are too high by 0.08 radius * tilt at most.
 _MIN_TILT = 1.0e-4
-# The round side of a cylinder ends this share of the radius before each rim, but at most a quarter of the length. So one
-# that lies rolls on what is round, and one that tips lies on a corner from 0.06 rad on.
+# The round side of a cylinder ends this share of the radius before each rim, but at most a quarter of the length. So
+# one that lies rolls on what is round, and one that tips lies on a corner from 0.06 rad on.
 _INSET, _MOST_INSET = 0.02, 0.25
 # Sine of the tilt off lying from which on the round side is beyond reach: a corner is lower by 0.28 % of the radius.
 _LYING = 0.2
@@ -41,8 +41,8 @@ _FLAT, _NEARLY_FLAT = 1.0 - 2.0e-6, 0.995
 def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, rows, count):
     """Append the contacts of one body (A) with the floor (B).
 
-    In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`, or -1 for a corner of
-    a rim.
+    In the row of a fixed point, the x of the unused direction is its number in `table.floor_points`, or -1
+    for a corner of a rim.
 
     Args:
         table: PieceTable.
@@ -250,8 +250,7 @@ def _append_corners(table, piece, end, up, then, floor_height, margin, rows, fir
         known = False
         for row in range(first, count):
             known = known or (
-                rows[row, 0] == POINT
-                and norm(rows[row, 1] - x, rows[row, 2] - y, rows[row, 3] - z) < _SAME_PLACE
+                rows[row, 0] == POINT and norm(rows[row, 1] - x, rows[row, 2] - y, rows[row, 3] - z) < _SAME_PLACE
             )
         if not known:
             write_part(rows, count, 0, POINT, x, y, z, -1.0, 0.0, 0.0, 0.0)
