@@ -17,6 +17,8 @@ CYLINDER = 3
 
 # A standing cylinder touches the floor with this many points fixed in each rim.
 RIM_POINTS = 8
+# A rim that is tilted against the floor is a regular polygon with so many corners, of which the fixed points are some.
+RIM_CORNERS = 64
 
 # More floor contacts of a body than this are reduced to the outermost ones.
 MAX_FLOOR_POINTS = 16

@@ -27,7 +27,7 @@ from pinwm_drake.twin.frame import FRAME, moved_motion
 from pinwm_drake.twin.rollout import pusher_impulses
 
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
-_TIME_STEP = 1e-3
+_TIME_STEP = 1e-4
 
 
 @dataclass(frozen=True, eq=False)

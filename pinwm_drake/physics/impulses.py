@@ -5,19 +5,16 @@ import numpy as np
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.physics.kernels import recorded
 from pinwm_drake.physics.model import Model
-from pinwm_drake.physics.parameters import Parameters, kernel_arrays
-from pinwm_drake.physics.state import MOST_SPEED, Trajectory, check_tensor
-from pinwm_drake.threads import available, share
+from pinwm_drake.physics.parameters import Parameters
+from pinwm_drake.physics.state import MOST_SPEED, State, Trajectory, check_tensor
+from pinwm_drake.physics.stepper import Stepper
 
 
 def contact_impulses(
     model: Model, parameters: Parameters, record: Trajectory, V_WP: Tensor, *, num_threads: int | None = None
 ) -> np.ndarray:
     """Impulses that each pair's contacts exchange in every step of a rollout.
-
-    A step that the rollout took in parts is solved as one.
 
     Args:
         model: the scene.
@@ -37,12 +34,15 @@ def contact_impulses(
     T, W = record.num_frames - 1, parameters.num_worlds
     check_tensor("V_WP", V_WP, (T, W, 6), MOST_SPEED)
     check_tensor("p_WP", record.p_WP, (T + 1, W, 3))
-    frames = (record.q_WB, record.p_WB, record.V_WB, record.q_WP, record.p_WP)
-    impulses, status = np.zeros((T, W, len(model.pair_names), 3)), np.zeros(W, np.int64)
-    arguments = (model.arrays, *kernel_arrays(parameters, V_WP, frames), impulses, status, model.contact_rows)
-    share(recorded.contact_impulses, arguments, W, num_threads or available())
-    failed = tuple(np.flatnonzero(status < 0).tolist())
-    if failed:
-        world = failed[0]
-        raise SolverError(f"world {world}, step {-status[world] - 1}: the contacts have no solution", worlds=failed)
+    V_P = V_WP.detach().numpy()
+    states = [getattr(record, name).detach().numpy() for name in State.__dataclass_fields__]
+    theta = tuple(np.ascontiguousarray(tensor.detach().numpy()) for tensor in parameters.tensors())
+    stepper = Stepper(model, num_threads=num_threads)
+    impulses = np.empty((T, W, len(model.pair_names), 3))
+    for t in range(T):
+        state = tuple(np.ascontiguousarray(array[t]) for array in states)
+        try:
+            impulses[t] = stepper.impulses(theta, state, np.ascontiguousarray(V_P[t : t + 1]))
+        except SolverError as error:
+            raise SolverError(f"step {t}: {error}", worlds=error.worlds) from error
     return impulses

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from pinwm_drake.errors import ModelError
-from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece, pack_pieces
+from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, MAX_FLOOR_POINTS, ConvexPiece, pack_pieces
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, ANGULAR_LOCKED, LINEAR, ModelArrays
 
 PUSHER = "pusher"
@@ -211,6 +211,9 @@ class Model:
         ]
         masses = np.array([body.mass for body in self.bodies])
         weight = np.array([[body.mass * radius[i] ** 2, body.mass] for i, body in enumerate(self.bodies)])
+        table = pack_pieces(all_pieces, [body.floor_points for body in self.bodies])
+        owners = np.split(table.floor_owners, table.bodies[1:-1, 1])
+        rims = np.array([any(piece.kind == CYLINDER for piece in body.pieces) for body in self.bodies])
         compliance = self.compliance / float(masses.mean())
         rows = [row for joint in self.joints for row in self.joint_rows(joint)]
         return ModelArrays(
@@ -222,7 +225,8 @@ class Model:
             pair_index=pair_index,
             num_pairs=len(self.pair_names),
             radius=np.array([*radius, 0.0, 0.0][: nb + 2]),
-            has_rims=np.array([any(piece.kind == CYLINDER for piece in body.pieces) for body in self.bodies]),
+            has_rims=rims,
+            floor_changes=rims | [len(own) > MAX_FLOOR_POINTS or bool((own < ANYHOW).any()) for own in owners[:nb]],
             contact_compliance=compliance,
             joint_compliance=compliance * _JOINT_OVER_CONTACT,
             pusher_force=float(self.pusher_force),
@@ -234,7 +238,7 @@ class Model:
             joint_anchor=np.array([row[2] for row in rows], float).reshape(-1, 2, 3),
             joint_direction=np.array([row[3] for row in rows], float).reshape(-1, 3),
             joint_rotation=np.array([row[4] for row in rows], float).reshape(-1, 3, 3),
-            table=pack_pieces(all_pieces, [body.floor_points for body in self.bodies]),
+            table=table,
         )
 
     def joint_rows(self, joint: Joint) -> list[tuple]:

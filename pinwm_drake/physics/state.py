@@ -28,6 +28,10 @@ class TensorFields:
         """Copy whose tensors went through a function."""
         return type(self)(*map(change, self.tensors()))
 
+    def worlds(self, numbers: Tensor) -> Self:
+        """Those of some worlds, given by their numbers (n,)."""
+        return self.changed(lambda tensor: tensor[numbers])
+
     def detach(self) -> Self:
         """Copy with the same numbers, cut from the graph that autograd keeps."""
         return self.changed(Tensor.detach)
@@ -131,6 +135,8 @@ class Trajectory:
             counts nothing.
         lagged: (W,) int64, steps in which friction took its bound from an iteration before, because no solution was
             found where both agree; None from the "torch" backend.
+        early: (W,) int64, steps in which something pressed before it touched, as the step held more impacts than are
+            told apart; None from the "torch" backend.
         failed: (W,) bool, worlds that failed and are held in their first state, without gradients (see
             `Stepper.rollout`); None from the "torch" backend.
     """
@@ -142,6 +148,7 @@ class Trajectory:
     p_WP: Tensor
     jams: Tensor | None = None
     lagged: Tensor | None = None
+    early: Tensor | None = None
     failed: Tensor | None = None
 
     @property

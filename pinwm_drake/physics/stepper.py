@@ -10,6 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from pinwm_drake.errors import ModelError, SolverError, StateError
 from pinwm_drake.physics.kernels import rollout as kernels
+from pinwm_drake.physics.kernels import states
 from pinwm_drake.physics.model import Model
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import MOST_SPEED, State, Trajectory, check_tensor
@@ -18,14 +19,14 @@ from pinwm_drake.threads import available, share
 Arrays = tuple[np.ndarray, ...]
 
 _FEW_CONTACTS = 33  # rows of the contact tables to begin with, one of them to see that there are too many
-_FEW_PARTS = 16  # spare slots for parts of steps to begin with
+_FEW_PARTS, _PARTS = 16, 1.0625  # slots for parts of steps to begin with: these, and so many for each step
 _JOINT_ERROR = 0.01  # m or rad, of a joint at the start; a step closes it at once
 
 
 class Stepper:
-    """Advances worlds by Stewart-Trinkle velocity steps and differentiates through them.
+    """Advances worlds by nonsmooth RATTLE steps with times of impact, and differentiates through them.
 
-    Source: Stewart and Trinkle (1996); PIN-WM eq. 8-10; see `kernels/cone.py` and `kernels/adjoint.py`.
+    Source: PIN-WM eq. 8-10; see `kernels/step.py`, `kernels/cone.py` and `kernels/adjoint.py`.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class Stepper:
         self.backend = backend
         self.num_threads = num_threads or available()
         self._rows = min(_FEW_CONTACTS, model.contact_rows)
+        self._parts = _PARTS
 
     def step(self, parameters: Parameters, state: State, V_WP: Tensor | None = None) -> State:
         """Discrete update: one step of all worlds, differentiable in everything it is given.
@@ -84,7 +86,7 @@ class Stepper:
         """Rollout over a sequence of steps, differentiable in everything it is given.
 
         Without gradients its memory does not grow with its length (only with the frames it records). With
-        gradients it keeps states and modes of contacts of every step, under 0.3 kB per step and world.
+        gradients it keeps states and modes of contacts of every part of a step, under 0.4 kB per part and world.
 
         Args:
             parameters: theta of W worlds.
@@ -143,21 +145,38 @@ class Stepper:
         Raises:
             SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
         """
-        frames = self._roll(theta, state, V_WP, len(V_WP), False)[4]
+        frames = self.roll(theta, state, V_WP, len(V_WP), False)[4]
         return tuple([array[1] for array in frames[:5]])
 
-    def _roll(
-        self, theta: Arrays, state: Arrays, V_WP: np.ndarray, record_every: int, keep: bool, hold: bool = False
+    def roll(
+        self,
+        theta: Arrays,
+        state: Arrays,
+        V_WP: np.ndarray,
+        record_every: int,
+        keep: bool,
+        hold: bool = False,
+        pairs: int = 0,
     ) -> tuple:
-        """Roll out; return the arguments of the kernels: model, theta, V_WP, record_every, frames, saved."""
+        """Roll out plain arrays, nothing checked: `rollout` with all that the kernels keep.
+
+        Args:
+            theta, state, V_WP, record_every: as in `advance` and `rollout`.
+            keep: whether to keep what a backward pass needs.
+            hold: as `on_failure`.
+            pairs: number of pairs whose impulses are summed up; 0 for none.
+
+        Returns:
+            The arguments of the kernels: model, theta, V_WP, record_every, frames, saved, given (W, pairs, 3).
+        """
         model = self.model
         T, W = V_WP.shape[:2]
         q, p, V, q_P, p_P = state
-        rows, spare = self._rows, _FEW_PARTS + T // 16
+        rows = self._rows
         while True:
-            frames = kernels.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
-            saved = kernels.allocate_saved(T + spare if keep else 0, W, model.num_bodies, rows)
-            arguments = (model.arrays, theta, V_WP, record_every, frames, saved)
+            frames = states.allocate_frames(q, p, V, q_P, p_P, T // record_every + 1)
+            saved = states.allocate_saved(_FEW_PARTS + int(self._parts * T) if keep else 0, W, model.num_bodies, rows)
+            arguments = (model.arrays, theta, V_WP, record_every, frames, saved, np.zeros((W, pairs, 3)))
             share(kernels.rollout_forward, arguments, W, self.num_threads)
             status = frames[-1][0]
             if (status >= 0).all():
@@ -172,14 +191,28 @@ class Stepper:
                 return arguments
             # More than there was room for: again, with room for more.
             if parts.any():
-                spare = 2 * spare + T
+                self._parts *= 1.5
             if (contacts & ~parts).any():
                 rows = self._rows = min(2 * rows, model.contact_rows)
+
+    def impulses(self, theta: Arrays, states: Arrays, V_WP: np.ndarray) -> np.ndarray:
+        """Impulses that each pair's contacts exchange in one step; see `impulses.contact_impulses`.
+
+        Args:
+            theta: the arrays of `Parameters.tensors`.
+            states: as in `advance`.
+            V_WP: (1, W, 6), spatial velocity of the pusher, [rad/s; m/s], world frame.
+
+        Returns:
+            (W, num_pairs, 3), on body A of a pair, world frame, N s.
+        """
+        given: np.ndarray = self.roll(theta, states, V_WP, 1, False, pairs=len(self.model.pair_names))[6]
+        return given
 
 
 def _check_joints(model: Model, state: State) -> None:
     """Raise StateError where the two sides of a joint are far apart at the start."""
-    from pinwm_drake.physics.reference import joint_error
+    from pinwm_drake.physics.reference_rows import joint_error
 
     error = joint_error(model, state)
     if float(error.max()) > _JOINT_ERROR:
@@ -215,22 +248,22 @@ class _Rollout(torch.autograd.Function):
     def forward(ctx: Any, stepper: Stepper, record_every: int, hold: bool, *inputs: Tensor) -> tuple[Tensor, ...]:
         arrays = tuple(_array(tensor) for tensor in inputs)
         needed = any(ctx.needs_input_grad)
-        *_, frames, saved = stepper._roll(arrays[:7], arrays[7:12], arrays[12], record_every, needed, hold)
+        *_, frames, saved, _ = stepper.roll(arrays[:7], arrays[7:12], arrays[12], record_every, needed, hold)
         outputs = tuple(torch.from_numpy(array) for array in frames[:5])
-        jams, lagged = (torch.from_numpy(row) for row in frames[5][1:])
+        jams, lagged, early = (torch.from_numpy(row) for row in frames[5][1:])
         failed = torch.from_numpy(frames[5][0] < 0)
-        ctx.mark_non_differentiable(jams, lagged, failed)
+        ctx.mark_non_differentiable(jams, lagged, early, failed)
         if needed:
             ctx.save_for_backward(*inputs, *outputs)
             ctx.stepper, ctx.record_every, ctx.kept = stepper, record_every, saved
-        return *outputs, jams, lagged, failed
+        return *outputs, jams, lagged, early, failed
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         arrays = tuple(_array(tensor) for tensor in ctx.saved_tensors)
         parameters, V_P, states = arrays[:7], arrays[12], arrays[13:]
-        frames = (*states, np.zeros((3, V_P.shape[1]), np.int64))
+        frames = (*states, np.zeros((4, V_P.shape[1]), np.int64))
         arguments = (ctx.stepper.model.arrays, parameters, V_P, ctx.record_every, frames, ctx.kept)
         frame_bars = tuple(_array(gradient) for gradient in gradients[:5])
         bars = tuple(

@@ -78,5 +78,5 @@ def doubt_words(loss: float) -> str:
     return (
         f"the images are explained badly (loss {loss:.4f}; twins that predict well have 0.001 to 0.003): parameters "
         "may be farther off than their intervals say; look where the pictures differ (pinwm report), check mesh, "
-        "camera and clock (pinwm capture check), and try another --seed or push, or, where it rolled, --time-step 0.001"
+        "camera and clock (pinwm capture check), and try another --seed, another push, or half the --time-step"
     )

@@ -8,7 +8,7 @@ from pinwm_drake.geometry import shapes
 from pinwm_drake.geometry.convex import hollow_mug, t_block
 from pinwm_drake.geometry.entry import collide_floor
 from pinwm_drake.geometry.floor import MAX_FLOOR_POINTS
-from pinwm_drake.geometry.pieces import PieceTable, pack_pieces
+from pinwm_drake.geometry.pieces import RIM_CORNERS, PieceTable, pack_pieces
 from tests.geometry.oracles import DrakePair, evaluate, random_rotation, separations
 from tests.geometry.test_manifolds import about_x
 
@@ -17,7 +17,7 @@ FLOOR = np.eye(3), np.zeros(3)
 
 def floor_contacts(table: PieceTable, X_WB, margin: float, height: float = 0.0) -> list[dict]:
     rows = np.zeros((64, 16))
-    count = collide_floor(table, 0, np.ones(3), *X_WB, height, margin, rows, 0)
+    count = collide_floor(table, 0, np.ones(3), *X_WB, np.zeros(6), 0.0, height, margin, rows, 0)
     return [evaluate(rows[k], X_WB, FLOOR) for k in range(count)]
 
 
@@ -68,7 +68,9 @@ def test_gap_against_the_lowest_point(name):
         up = np.array([[0.0, 0.0, 1.0]])
         lowest = min(separations(p, X_WB, ground, (np.eye(3), np.array([0.0, 0.0, -0.5])), up)[0] for p in body)
         found = floor_contacts(table, X_WB, 0.5)
-        assert min(c["phi"] for c in found) == pytest.approx(lowest, abs=1e-12)
+        # Between two corners a rim is higher than its circle.
+        above = 0.02 * (1.0 - np.cos(np.pi / RIM_CORNERS)) if name == "cylinder" else 0.0
+        assert lowest - 1e-12 <= min(c["phi"] for c in found) <= lowest + above + 1e-12
         assert not floor_contacts(table, X_WB, lowest - 1e-9)
 
 
@@ -124,8 +126,36 @@ def test_a_cylinder_stands_on_eight_points_and_rolls_on_two():
     np.testing.assert_allclose([np.linalg.norm(c["a"][:2]) for c in standing], 0.03, atol=1e-12)
     lying = floor_contacts(table, (about_x(np.pi / 2), np.array([0.0, 0.0, 0.03])), 1e-3)
     assert [c["kinds"] for c in lying] == [(3, 2), (3, 2)]
-    np.testing.assert_allclose(sorted(c["a"][1] for c in lying), [-0.05, 0.05], atol=1e-12)
+    np.testing.assert_allclose(sorted(c["a"][1] for c in lying), [-0.0494, 0.0494], atol=1e-12)
     np.testing.assert_allclose([c["phi"] for c in lying], 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("tilt", [3e-4, 0.01, 0.3, 1.2])
+def test_a_tilted_cylinder_rests_on_the_corners_beside_its_lowest_place(tilt):
+    radius, turn = 0.03, 2.0 * np.pi / RIM_CORNERS
+    cylinder = shapes.cylinder(radius, 0.1)
+    height = 0.05 * np.cos(tilt) + radius * np.sin(tilt)
+    X_WB = about_x(tilt), np.array([0.0, 0.0, height])
+    found = [c for c in floor_contacts(pack_pieces([[cylinder]]), X_WB, 1e-3) if c["kinds"] == (0, 2)]
+    places = np.array([X_WB[0].T @ (c["a"] - X_WB[1]) for c in found])
+    np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), radius, atol=1e-12)
+    angles = np.arctan2(places[:, 1], places[:, 0])
+    assert len({round(float(angle / turn)) for angle in angles}) == len(found)
+    np.testing.assert_allclose(angles / turn, np.round(angles / turn), atol=1e-9)
+    lowest = sorted(c["phi"] for c in found)[0]
+    assert -1e-12 <= lowest <= radius * np.sin(tilt) * (1.0 - np.cos(0.5 * turn)) + 1e-12
+
+
+def test_a_cylinder_that_tips_from_its_side_to_a_corner_has_no_jump_of_its_gap():
+    table, radius = pack_pieces([[shapes.cylinder(0.03, 0.1)]]), 0.03
+    gaps = []
+    for tilt in np.linspace(0.0, 0.3, 3001):
+        X_WB = about_x(0.5 * np.pi - tilt), np.array([0.0, 0.0, radius * np.cos(tilt) + 0.05 * np.sin(tilt)])
+        gaps.append(min(c["phi"] for c in floor_contacts(table, X_WB, 1e-3)))
+    # Above that of a round rim by what is between two corners, and by the inset of the side.
+    assert min(gaps) >= -1e-12
+    assert max(gaps) <= radius * (1.0 - np.cos(np.pi / RIM_CORNERS))
+    assert np.abs(np.diff(gaps)).max() < 0.02 * radius * 1e-4 * 1.2  # the inset times the change of the tilt
 
 
 def test_a_capsule_and_a_sphere_touch_with_their_ends():

@@ -188,6 +188,6 @@ def test_rows_are_never_written_beyond_the_end():
     for room in range(12):
         rows = np.full((room + 4, 16), -1.0)
         count = collide_bodies(table, 0, *X_WA, 1, *AT_ORIGIN, 0.1, rows[:room], 0)
-        count = collide_floor(table, 0, np.ones(3), *X_WA, 0.0, 0.1, rows[:room], count)
+        count = collide_floor(table, 0, np.ones(3), *X_WA, np.zeros(6), 0.0, 0.0, 0.1, rows[:room], count)
         assert count == room
         assert np.all(rows[room:] == -1.0)

@@ -36,8 +36,8 @@ def random_worlds(model, num_worlds, seed):
 @pytest.fixture(scope="module")
 def problem():
     model = push_model()
-    parameters = nominal(model, friction_floor=0.5, friction_pusher=0.3, num_worlds=40)
-    return model, parameters, random_worlds(model, 40, seed=7), straight_push(1, 40)[0]
+    parameters = nominal(model, friction_floor=0.5, friction_pusher=0.3, num_worlds=120)
+    return model, parameters, random_worlds(model, 120, seed=7), straight_push(1, 120)[0]
 
 
 def test_residuals_signs_and_complementarity_hold_to_1e_9(problem):
@@ -49,7 +49,7 @@ def test_residuals_signs_and_complementarity_hold_to_1e_9(problem):
         assert report.momentum_residual <= 1e-9
         assert report.sign_violation <= 1e-9
         assert report.complementarity <= 1e-9
-    assert touched >= 30  # the scenes really are in contact
+    assert touched >= 80  # the scenes really are in contact
 
 
 def test_a_push_stays_solved_to_1e_9():
@@ -91,10 +91,11 @@ def test_drakes_moby_solver_finds_the_same_velocities(problem, directions, frict
     model, _, state, V_WP = problem
     parameters = nominal(model, friction_floor=friction, friction_pusher=friction, num_worlds=state.num_worlds)
     equations, _, _, _ = build_problem(model, parameters, state, V_WP)
-    # Of the whole step: what turns fast is stepped in parts.
-    ours = [inspect(model, parameters, state, V_WP, world=world).x for world in range(state.num_worlds)]
+    reports = [inspect(model, parameters, state, V_WP, world=world) for world in range(state.num_worlds)]
     solved = 0
-    for world in range(state.num_worlds):
+    for world, report in enumerate(reports):
+        if report.parts > 1 or not report.pair:
+            continue  # the equations are those of a step with contacts and without an impact
         matrix, vector, velocities = polyhedral_lcp(equations, world, directions)
         program = MathematicalProgram()
         z = program.NewContinuousVariables(len(vector))
@@ -108,7 +109,7 @@ def test_drakes_moby_solver_finds_the_same_velocities(problem, directions, frict
             continue  # Moby's own pivoting lost its way; its answer is no oracle then
         solved += 1
         # Moby accepts residuals of about 1e-8, divided by inertias; of points 5 cm away, m/s.
-        difference = (ours[world] - velocities(z_moby)) * np.array([0.05] * 3 + [1.0] * 3)
+        difference = (report.u - velocities(z_moby)) * np.array([0.05] * 3 + [1.0] * 3)
         assert np.abs(difference).max() < tolerance
     assert solved >= 30
 
@@ -131,16 +132,12 @@ def test_what_slides_comes_to_rest_in_the_same_way_in_every_direction(heading):
 
 
 def many_contact_step():
-    """A block that slides and spins under the pusher: all floor contacts slip in different directions."""
+    """A block that slides and spins, out of the pusher's reach: all floor contacts slip in different directions."""
     model = push_model()
-    state = push_start(model)
-    state = State(
-        state.q_WB,
-        state.p_WB,
-        torch.tensor([[[0.0, 0.0, 2.0, 0.05, 0.12, 0.0]]], dtype=torch.float64),
-        state.q_WP,
-        torch.tensor([[0.02, -0.0632, 0.02]], dtype=torch.float64),
-    )
+    start = push_start(model)
+    V = torch.tensor([[[0.0, 0.0, 2.0, 0.05, 0.12, 0.0]]], dtype=torch.float64)
+    away = torch.tensor([[0.02, -0.2, 0.02]], dtype=torch.float64)
+    state = State(start.q_WB, start.p_WB, V, start.q_WP, away)
     return model, nominal(model, friction_floor=0.4, friction_pusher=0.3), state, straight_push(1)[0]
 
 
@@ -151,11 +148,12 @@ def test_friction_derivatives_need_the_transposed_system():
     sliding = (np.linalg.norm(report.slip[:, 1:], axis=1) > 1e-6) & (report.impulse[:, 0] > 0.0)
     assert sliding.sum() >= 6
 
-    weights = torch.tensor([0.3, -0.2, 1.0, 0.5, -0.7, 0.1], dtype=torch.float64)
+    # Of the positions, which move with the velocities of the first stage.
+    weights = torch.tensor([0.0, 0.0, 0.0, 0.5, -0.7, 0.1], dtype=torch.float64)
 
     def loss(friction):
         theta = Parameters(parameters.mass, parameters.inertia, friction, parameters.restitution)
-        return (Stepper(model).step(theta, state, V_WP).V_WB[0, 0] * weights).sum()
+        return (Stepper(model).step(theta, state, V_WP).p_WB[0, 0] * weights[3:]).sum() / model.time_step
 
     friction = parameters.friction.clone().requires_grad_()
     loss(friction).backward()

@@ -17,18 +17,18 @@ G = 9.81
 
 
 def test_free_fall():
-    # Semi-implicit Euler: z_n = z_0 - g h^2 n (n + 1) / 2 exactly, and V_n = -g h n.
+    # Half of gravity before a step's motion and half after it: z = z_0 - g t^2 / 2 and V = -g t, exactly.
     model = Model(bodies=[cube()], floor_height=None)
     frames = run(Stepper(model), nominal(model), State.at_rest(model, p_WB=(0.0, 0.0, 1.0)), 0.5)
     n = torch.arange(frames.num_frames, dtype=torch.float64)
     h = model.time_step
-    torch.testing.assert_close(frames.p_WB[:, 0, 0, 2], 1.0 - G * h * h * n * (n + 1) / 2, rtol=0.0, atol=1e-12)
+    torch.testing.assert_close(frames.p_WB[:, 0, 0, 2], 1.0 - G * (h * n) ** 2 / 2, rtol=0.0, atol=1e-12)
     torch.testing.assert_close(frames.V_WB[:, 0, 0, 5], -G * h * n, rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("mu", "speed"), [(0.03, 0.2), (0.3, 0.5), (0.8, 1.0)])
 def test_sliding_distance(mu, speed):
-    # Coulomb: s = v^2 / (2 mu g). Each step loses mu g h of speed: s = h sum_n (v - n mu g h) = s_0 - v h / 2 + O(h^2).
+    # Coulomb: s = v^2 / (2 mu g), but for the step in which it stops.
     model = Model(bodies=[t_block()], time_step=1e-3)
     state = State.at_rest(model, p_WB=(0.0, 0.0, 0.025), V_WB=(0.0, 0.0, 0.0, speed, 0.0, 0.0))
     time = speed / (mu * G)
@@ -36,7 +36,7 @@ def test_sliding_distance(mu, speed):
     distance = speed**2 / (2.0 * mu * G)
     h = model.time_step
     # The pressure distribution moves forward with braking, but on equal springs its resultant still is mu m g.
-    assert float(frames.p_WB[-1, 0, 0, 0]) == pytest.approx(distance - speed * h / 2, abs=mu * G * h * h + 1e-6)
+    assert float(frames.p_WB[-1, 0, 0, 0]) == pytest.approx(distance, abs=mu * G * h * h + 1e-6)
     # Sideways the T pulls a little: its springs are not symmetric about the line of motion. At rest it stays.
     assert float(frames.V_WB[-1].abs().max()) < 1e-6
 
@@ -50,9 +50,9 @@ def test_sticking_below_the_cone(mu, slides):
     frames = run(Stepper(model), nominal(model, friction_floor=mu), State.at_rest(model, p_WB=(0, 0, 0.025)), 1.0)
     travel = float(frames.p_WB[-1, 0, 0, 0])
     if slides:
-        # x = (g sin a - mu g cos a) t^2 / 2, one step of Euler late or early: + a t h / 2.
+        # x = (g sin a - mu g cos a) t^2 / 2; the contact's compliance is 1e-5 of the velocities.
         a = G * (math.sin(alpha) - mu * math.cos(alpha))
-        assert travel == pytest.approx(0.5 * a, abs=a * model.time_step)
+        assert travel == pytest.approx(0.5 * a, rel=1e-4)
     else:
         # Stuck contacts creep with compliance * load: 1e-5 / m * m g sin(a) h per step, 1e-7 m/s.
         assert abs(travel) < 1e-6
@@ -87,18 +87,19 @@ def test_edge_push_tips_a_tall_box_only_above_the_friction_threshold():
 
 @pytest.mark.parametrize("e", [0.3, 0.5, 0.8, 1.0])
 def test_bounce_height(e):
-    # h_1 = e^2 h_0. The impact happens within one step of the surface: heights err by at most v h, times 2.
-    model = Model(bodies=[ball()], time_step=1e-3)
+    # h_1 = e^2 h_0, whatever the step: the impact has its own time. Frames miss the top by g h^2 / 8 at most.
+    model = Model(bodies=[ball()], time_step=1 / 240)
     drop, radius = 0.5, 0.02
     state = State.at_rest(model, p_WB=(0.0, 0.0, radius + drop))
     frames = run(Stepper(model), nominal(model, restitution_floor=e), state, 0.9)
     z = frames.p_WB[:, 0, 0, 2] - radius
     impact = int(torch.nonzero(frames.V_WB[1:, 0, 0, 5] > 0.0)[0])
     speed = math.sqrt(2.0 * G * drop)
-    assert float(z[impact:].max()) == pytest.approx(e * e * drop, abs=2.0 * speed * model.time_step)
-    # Newton's law, less what gravity takes in the step of the impact; it holds to the contact's compliance, 1e-5.
-    before, after = (float(frames.V_WB[i, 0, 0, 5]) for i in (impact, impact + 1))
-    assert after == pytest.approx(-e * before - G * model.time_step, rel=1e-4)
+    # The contact's compliance is 1e-5 of the velocities.
+    assert float(z[impact:].max()) == pytest.approx(e * e * drop, abs=G * model.time_step**2 / 8 + 1e-4 * drop)
+    # In the step of the impact gravity acts before and after it, with the time that each has.
+    fall, after = speed / G, float(frames.V_WB[impact + 1, 0, 0, 5])
+    assert after == pytest.approx(e * speed - G * ((impact + 1) * model.time_step - fall), rel=1e-4)
 
 
 def test_an_inelastic_drop_lands_on_the_surface_and_stays():
@@ -226,7 +227,7 @@ def test_elastic_bounces_of_a_tumbling_block_create_next_to_none():
         assert float((history / history[0]).max()) < (1.01 if e == 1.0 else 1.0 + 1e-9)
 
 
-def test_torque_free_rotation_keeps_its_momentum_and_never_gains_energy():
+def test_torque_free_rotation_keeps_its_momentum_and_energy():
     # The intermediate axis is unstable: the body flips over and over (Dzhanibekov).
     inertia = np.diag([1.0e-4, 2.0e-4, 2.8e-4])
     plate = Body("plate", [sphere(0.05)], 0.3, inertia)
@@ -235,8 +236,9 @@ def test_torque_free_rotation_keeps_its_momentum_and_never_gains_energy():
     state = State.at_rest(model, V_WB=(1e-3, 10.0, 0.0, 0.0, 0.0, 0.0))
     frames = run(Stepper(model), parameters, state, 3.0)
     history = torch.stack([energy(model, parameters, frames.frame(i)) for i in range(0, frames.num_frames, 50)])
-    assert float((history[1:] - history[:-1]).max()) < 1e-15
-    assert float(history[-1] / history[0]) > 0.97  # first order: it loses of the order of h w per radian
+    assert (
+        float((history / history[0] - 1.0).abs().max()) < 1e-10
+    )  # the midpoint rule keeps it; rounding of 30,000 steps
     # It flips: the body-frame spin about the intermediate axis changes sign.
     from pinwm_drake.spatial.rotations import quaternion_to_matrix
 

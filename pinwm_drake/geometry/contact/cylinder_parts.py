@@ -23,10 +23,8 @@ _SINES = tuple(math.sin(2.0 * math.pi * k / RIM_POINTS) for k in range(RIM_POINT
 
 
 @internal_kernel
-def rim_place(table, piece, end, k):
-    """Return the point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
-    v = table.pieces[piece, 1] + end
-    cx, cy, cz = xyz(table.vertices, v)
+def rim_axes(table, piece):
+    """Return two unit vectors e and f across the axis, frame of the body, between which the places on a rim count."""
     ux, uy, uz = xyz(table.axes, piece)
     ax, ay, az = abs(ux), abs(uy), abs(uz)
     # Across the axis, from the coordinate axis that is most nearly perpendicular to it.
@@ -36,10 +34,18 @@ def rim_place(table, piece, end, k):
         ex, ey, ez = -uy * ux, 1.0 - uy * uy, -uy * uz
     else:
         ex, ey, ez = -uz * ux, -uz * uy, 1.0 - uz * uz
-    size = table.vertices[v, 3] / norm(ex, ey, ez)
-    ex, ey, ez = size * ex, size * ey, size * ez
-    fx, fy, fz = cross(ux, uy, uz, ex, ey, ez)
-    c, s = _COSINES[k], _SINES[k]
+    size = norm(ex, ey, ez)
+    ex, ey, ez = ex / size, ey / size, ez / size
+    return ex, ey, ez, *cross(ux, uy, uz, ex, ey, ez)
+
+
+@internal_kernel
+def rim_place(table, piece, end, k):
+    """Return the point number k fixed on a rim (`pieces.rim_points`), m, frame of the body; `end` is 0 or 1."""
+    v = table.pieces[piece, 1] + end
+    cx, cy, cz = xyz(table.vertices, v)
+    ex, ey, ez, fx, fy, fz = rim_axes(table, piece)
+    c, s = table.vertices[v, 3] * _COSINES[k], table.vertices[v, 3] * _SINES[k]
     return cx + c * ex + s * fx, cy + c * ey + s * fy, cz + c * ez + s * fz
 
 
@@ -153,8 +159,8 @@ def write_crossing(table, piece, end, v, w, t, ex, ey, ez, X_CL, rows, count, co
 def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, column):
     """Write a rim against the line from vertex v to vertex w of another body.
 
-    Where circle and line are ill-conditioned, the line's point is written against the plane across the
-    normal.
+    Where the normal is along the axis, the line is written over the cap; where circle and line are ill-conditioned
+    otherwise, its point against the plane across the normal.
 
     Args:
         table: PieceTable.
@@ -177,9 +183,12 @@ def write_rim_line(table, piece, end, v, w, X_CL, nx, ny, nz, rows, count, colum
     fx, fy, fz, _ = radial(ux, uy, uz, px + t * dx - rx, py + t * dy - ry, pz + t * dz - rz)
     tx, ty, tz = cross(ux, uy, uz, ex, ey, ez)
     crossing = norm(*cross(tx, ty, tz, dx, dy, dz))
-    if sine > _MIN_SINE and crossing > PARALLEL_SINE and dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE:
+    near = dot(ex, ey, ez, fx, fy, fz) > _MIN_COSINE
+    if sine > _MIN_SINE and crossing > PARALLEL_SINE and near:
         write_rim(table, piece, end, rows, count, column)
         write_line(table, v, w, t, 1.0, rows, count, 8 - column)
+    elif near and not sine > _MIN_SINE:
+        write_crossing(table, piece, end, v, w, t, fx, fy, fz, X_CL, rows, count, column)
     else:
         write_part(rows, count, column, PLANE, qx, qy, qz, nx, ny, nz, 0.0)
         write_segment_place(table, v, w, t, rows, count, 8 - column)

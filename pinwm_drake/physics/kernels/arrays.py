@@ -32,6 +32,9 @@ class ModelArrays(NamedTuple):
     # (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly the
     # body turns
     has_rims: np.ndarray
+    # (num_bodies,), whether floor points come and go as the body turns: rims, points of a face that lies flat, or more
+    # than are kept
+    floor_changes: np.ndarray
     contact_compliance: float  # epsilon of a contact, (m/s)/(N s), per unit of impulse
     joint_compliance: float  # the same for joint rows
     pusher_force: float  # largest normal force with which the pusher presses on a body, N

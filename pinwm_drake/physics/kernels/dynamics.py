@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: MIT
-"""Rotations, the gyroscopic step and the right-hand side of the momentum balance (numba)."""
+"""Rotations, gyroscopic steps and the right-hand side of the momentum balance (numba)."""
 
 import math
 
-from pinwm_drake.geometry.vectors import rotate, rotate_back
+from pinwm_drake.geometry.vectors import cross, rotate, rotate_back
 from pinwm_drake.jit import kernel, small_kernel
+from pinwm_drake.physics.kernels.rolling import rolling_torque
 
 _NEWTON_STEPS = 8
+# Stages: velocities whose positions do not overlap, velocities after a step, and velocities after an impact.
+POSITION, VELOCITY, IMPACT = range(3)
 
 
 @small_kernel
@@ -102,21 +105,43 @@ def gyroscopic_step(I_B, w0, h, w):
             break
 
 
+@kernel
+def gyroscopic_acceleration(I_B, w):
+    """Return I_B^-1 (w x I_B w), rad/s^2, body frame."""
+    mx, my, mz = rotate(I_B, w[0], w[1], w[2])
+    A = (
+        I_B[0, 0], I_B[0, 1], I_B[0, 2], I_B[1, 0], I_B[1, 1], I_B[1, 2], I_B[2, 0], I_B[2, 1], I_B[2, 2],
+    )  # fmt: skip
+    return solve3(A, *cross(w[0], w[1], w[2], mx, my, mz))
+
+
 @small_kernel
-def begin_step(model, mass, inertia, bodies, system):
-    """Rotations, inertias in world axes, the gyroscopic step and the momentum p = M xi* + h f of all bodies.
+def begin_stage(model, mass, inertia, bodies, system, stage):
+    """Rotations, inertias in world axes, and the velocities and momenta that a stage begins with.
+
+    A stage takes half of the step's gravity and gyroscopic torque: implicitly in the position stage and explicitly in
+    the velocity stage, which together are the midpoint rule for a body that turns freely. It keeps energy and spin.
 
     Args:
         mass: (nb,), kg.
         inertia: (nb, 3, 3), about the centre of mass, body frame, kg m^2.
+        stage: POSITION, VELOCITY, or IMPACT, in which no time passes.
     """
-    h = bodies.time_step[0]
+    half = 0.5 * bodies.time_step[0]
     for b in range(model.num_bodies + model.num_kinematic):
         rotation_from_quaternion(bodies.q[b], bodies.R[b])
     for b in range(model.num_bodies):
         R, I_B, V = bodies.R[b], inertia[b], bodies.V[b]
         w = bodies.V_body[b]
-        gyroscopic_step(I_B, rotate_back(R, V[0], V[1], V[2]), h, w)
+        if stage == POSITION:
+            gyroscopic_step(I_B, rotate_back(R, V[0], V[1], V[2]), half, w)
+            x, y, z = w[0], w[1], w[2]
+        else:
+            # Nothing, in an impact: its length is 0.
+            x, y, z = rotate_back(R, V[0], V[1], V[2])
+            w[0], w[1], w[2] = x, y, z
+            ux, uy, uz = gyroscopic_acceleration(I_B, w)
+            x, y, z = x - half * ux, y - half * uy, z - half * uz
         o = 6 * b
         for i in range(3):
             for j in range(3):
@@ -125,8 +150,8 @@ def begin_step(model, mass, inertia, bodies, system):
                     for m in range(3):
                         total += R[i, k] * I_B[k, m] * R[j, m]
                 system.inertia[b, i, j] = total
-            system.free[o + i] = R[i, 0] * w[0] + R[i, 1] * w[1] + R[i, 2] * w[2]
-            system.free[o + 3 + i] = V[3 + i] + h * model.gravity[i]
+            system.free[o + i] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
+            system.free[o + 3 + i] = V[3 + i] + half * model.gravity[i]
         system.mass[b] = mass[b]
         for i in range(3):
             total = 0.0
@@ -134,3 +159,7 @@ def begin_step(model, mass, inertia, bodies, system):
                 total += system.inertia[b, i, j] * system.free[o + j]
             system.momentum[o + i] = total
             system.momentum[o + 3 + i] = mass[b] * system.free[o + 3 + i]
+        if half > 0.0:
+            drag, _, _ = rolling_torque(model, system.mass, bodies, b)
+            system.momentum[o] += half * drag * V[0]
+            system.momentum[o + 1] += half * drag * V[1]

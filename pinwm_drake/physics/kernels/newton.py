@@ -32,15 +32,15 @@ from pinwm_drake.physics.kernels.small_matrix import lu_factor, lu_solve
 
 # A violated inequality below this, relative to the step's impulse and speed scales, is rounding.
 TOLERANCE = 1e-12
-# Modes that are wrong at once, after the first iteration, from which they only change about.
+# Modes that are wrong at once, after the first two iterations, from which they only change about.
 MANY = 3
-# Directions that turn by less than this, rad, converge with one more step on the same factors; and a turn, and a step
-# relative to the step's speed, that need no other.
-SMALL_TURN, NO_TURN, SMALL_STEP = 1e-6, 1e-12, 1e-3
+# Directions that turn by less than this, rad, converge with more steps on the same factors; and a turn, and a step
+# relative to the step's speed, that need no other. Factors stay while steps shrink the turn by the ratio.
+SMALL_TURN, NO_TURN, SMALL_STEP, SMALL_RATIO = 3e-3, 1e-12, 1e-3, 1e-2
 
 
 @small_kernel
-def resistance(system, contacts, c):
+def _resistance(system, contacts, c):
     """Mass that contact c feels along its surface, about, kg: the scale rho of its impulses over its speeds."""
     inverse = 0.0
     for side in range(2):
@@ -54,7 +54,7 @@ def resistance(system, contacts, c):
 
 
 @small_kernel
-def _close(system, contacts, work, c):
+def _close(contacts, work, c):
     """Close contact c: it slides where its friction would not stop it while its normal impulse stops the approach."""
     v, mu = work.v[c], contacts.mu[c]
     speed = math.sqrt(v[1] * v[1] + v[2] * v[2])
@@ -62,7 +62,7 @@ def _close(system, contacts, work, c):
         work.mode[c] = STICKS
         return
     work.mode[c] = SLIDES
-    set_slip(work, c, -resistance(system, contacts, c) * mu * v[0])
+    set_slip(work, c, -work.rho[c] * mu * v[0])
 
 
 @small_kernel
@@ -71,7 +71,7 @@ def _correct_normal(system, contacts, work, c, impulse, speed):
     mode, v, lam = work.mode[c], work.v[c], work.lam[c]
     if mode == OPEN:
         if v[0] < -TOLERANCE * speed:
-            _close(system, contacts, work, c)
+            _close(contacts, work, c)
             return 1
         return 0
     if mode >= FULL_STICKS:
@@ -98,7 +98,7 @@ def _correct_friction(system, contacts, work, c, impulse):
         size = math.sqrt(lam[1] * lam[1] + lam[2] * lam[2])
         if size <= most + TOLERANCE * impulse:
             return 0, 0.0
-    rho = resistance(system, contacts, c)
+    rho = work.rho[c]
     w1, w2 = lam[1] - rho * (v[1] + eps * lam[1]), lam[2] - rho * (v[2] + eps * lam[2])
     size = math.sqrt(w1 * w1 + w2 * w2)
     if sliding and size < most - TOLERANCE * impulse:
@@ -166,11 +166,13 @@ def newton(system, contacts, work, impulse, speed, iterations):
     Returns:
         Iterations used, or -1 if they did not suffice; work.v and work.lam are those of work.x.
     """
-    last = False
+    for c in range(contacts.number[0]):
+        work.rho[c] = _resistance(system, contacts, c)
+    fresh, last, before = True, False, 0.0
     for iteration in range(iterations + 1):
         for c in range(contacts.number[0]):
             set_gain(system, contacts, work, c)
-        if not last and not factor(system, contacts, work):
+        if fresh and not factor(system, contacts, work):
             return -1
         change = _step(system, contacts, work)
         if last:
@@ -178,12 +180,14 @@ def newton(system, contacts, work, impulse, speed, iterations):
         if iteration == iterations:
             return -1
         wrong, turn = _correct(system, contacts, work, impulse, speed)
-        if iteration > 0 and wrong >= MANY:
+        if iteration > 1 and wrong >= MANY:
             return -1
         if wrong == 0 and turn <= NO_TURN and change <= SMALL_STEP * speed:
             return iteration + 1
-        # One step more, on the same factors, is enough for what is left.
-        last = wrong == 0 and turn <= SMALL_TURN
+        # By how much a step on the same factors makes the turn smaller: by about the first one.
+        ratio = turn if fresh else turn / before
+        fresh, before = wrong > 0 or turn > SMALL_TURN or ratio > SMALL_RATIO, max(turn, NO_TURN)
+        last = not fresh and turn * ratio <= NO_TURN
     return -1
 
 

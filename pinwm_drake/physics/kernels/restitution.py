@@ -2,26 +2,23 @@
 """Restitution that gains no energy (numba).
 
 Newton's law gives every contact its speed after a bounce, whatever friction does meanwhile; with friction, or with
-several contacts at once, that can add energy. So where the bodies of a step with bounces would gain energy, all bounces
-of that step are made smaller by one factor, with which they gain none.
+several contacts at once, that can add energy. So where the bodies would gain energy in an impact, all bounces in it are
+made smaller by one factor, with which they gain none.
 
 Source: the fault is known since Kane and Levinson (1985); cf. Stronge, "Impact Mechanics" (2000), chapter 4.
 """
 
 from pinwm_drake.jit import kernel, large_kernel, small_kernel
-from pinwm_drake.physics.kernels.solve import solve_again, solve_contacts
+from pinwm_drake.physics.kernels.dynamics import IMPACT
+from pinwm_drake.physics.kernels.solve import solve_again
 
 # Steps of the search, and the work that may be lost by it, relative to that of bounces without any speed.
 MOST_STEPS, NEAR = 30, 1e-6
 
 
 @large_kernel
-def _gain(model, bodies, system, contacts, work):
-    """Energy that the bodies gain in this step, J, with what the pusher gives taken off.
-
-    It is the contacts' work, impulses times means of relative velocities, and what a semi-implicit step adds where a
-    bounce changes the velocity: bodies rise with the new one for the whole step.
-    """
+def _gain(bodies, system, contacts, work):
+    """Energy that the contacts give in an impact, J: impulses times means of relative velocities."""
     total = 0.0
     for c in range(contacts.number[0]):
         lam = work.lam[c]
@@ -33,15 +30,10 @@ def _gain(model, bodies, system, contacts, work):
                 b = contacts.body[c, side]
                 moves = contacts.dynamic[c, side] >= 0
                 for j in range(6):
-                    # What a gyroscopic step takes is not for the bounce to give back.
-                    before = system.free[6 * b + j] if moves and j < 3 else bodies.V[b, j]
+                    before = system.free[6 * b + j] if moves else bodies.V[b, j]
                     after = work.x[6 * b + j] if moves else bodies.V[b, j]
                     twice += contacts.J[c, side, i, j] * (before + after)
             total += 0.5 * lam[i] * twice
-    for b in range(system.num_bodies):
-        for i in range(3):
-            change = bodies.V[b, 3 + i] - work.x[6 * b + 3 + i]
-            total += 0.5 * bodies.time_step[0] * system.mass[b] * model.gravity[i] * change
     return total
 
 
@@ -54,12 +46,12 @@ def _bounce(contacts, share):
 
 
 @large_kernel
-def _bounce_less(model, bodies, system, contacts, work, gained):
+def _bounce_less(bodies, system, contacts, work, gained):
     """Find the share of the bounces with which nothing is gained, where all of them gain something, J."""
     low, high = 0.0, contacts.elastic[0]
     _bounce(contacts, low)
-    used = solve_again(bodies, system, contacts, work)
-    lost = _gain(model, bodies, system, contacts, work)
+    used = solve_again(bodies, system, contacts, work, IMPACT)
+    lost = _gain(bodies, system, contacts, work)
     scale = abs(lost)
     for step in range(MOST_STEPS):
         if used < 0 or high - low < 1e-9 or lost >= 0.0:
@@ -67,8 +59,8 @@ def _bounce_less(model, bodies, system, contacts, work, gained):
         # The secant's zero, and every third time the middle.
         share = 0.5 * (low + high) if step % 3 == 2 else low - lost * (high - low) / (gained - lost)
         _bounce(contacts, share)
-        used = solve_again(bodies, system, contacts, work)
-        done = _gain(model, bodies, system, contacts, work)
+        used = solve_again(bodies, system, contacts, work, IMPACT)
+        done = _gain(bodies, system, contacts, work)
         if done > 0.0:
             high, gained = share, done
         else:
@@ -77,18 +69,21 @@ def _bounce_less(model, bodies, system, contacts, work, gained):
                 break
     if used >= 0 and contacts.elastic[0] != low:
         _bounce(contacts, low)
-        used = solve_again(bodies, system, contacts, work)
+        used = solve_again(bodies, system, contacts, work, IMPACT)
     return used
 
 
 @small_kernel
-def solve_passively(model, bodies, system, contacts, work):
-    """Solves a step with bounces that gain nothing, whose share is in contacts.elastic; as `solve_contacts`."""
-    used = solve_contacts(bodies, system, contacts, work)
+def bounce_passively(bodies, system, contacts, work, used):
+    """Make the bounces of a solved impact smaller where they gain something; their share is contacts.elastic.
+
+    Returns:
+        Iterations used, `used` of them before; -1 where a number is not finite.
+    """
     bounces = False
     for c in range(contacts.number[0]):
         bounces = bounces or (contacts.rebound[c] > 0.0 and work.lam[c, 0] > 0.0)
-    if used < 0 or not bounces:
+    if not bounces:
         return used
-    gained = _gain(model, bodies, system, contacts, work)
-    return used if gained <= 0.0 else _bounce_less(model, bodies, system, contacts, work, gained)
+    gained = _gain(bodies, system, contacts, work)
+    return used if gained <= 0.0 else _bounce_less(bodies, system, contacts, work, gained)

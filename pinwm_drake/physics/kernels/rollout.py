@@ -1,11 +1,18 @@
 # SPDX-License-Identifier: MIT
 """Rollouts of many worlds, forward and backward (numba)."""
 
-import numpy as np
-
 from pinwm_drake.jit import entry_point, kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
-from pinwm_drake.physics.kernels.step import HALVE, MOST_PARTS, is_jammed, step_world
+from pinwm_drake.physics.kernels.impact import presses_apart
+from pinwm_drake.physics.kernels.states import (
+    drive,
+    load,
+    load_geometry,
+    load_solution,
+    store,
+    store_solution,
+)
+from pinwm_drake.physics.kernels.step import HALVE, MOST_IMPACTS, SHORTEST, STRIKE, is_jammed, step_world
 from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_workspace
 
 # Status of a world after a rollout: the number of iterations it needed in all, or minus the failed step's number minus
@@ -13,90 +20,8 @@ from pinwm_drake.physics.kernels.workspace import make_adjoint_work, make_worksp
 TOO_MANY_CONTACTS, TOO_MANY_PARTS = 1_000_000_000, 2_000_000_000
 # Speeds, rad/s and m/s, of bodies that rest, under a pusher that rests.
 RESTS = 1e-12
-
-
-# The entry points allocate, and so count the references of all arrays that they touch, with locked instructions: half
-# of a step's time where its loop is in them. What they call does not count (see `jit`).
-
-
-@kernel
-def load(bodies, nb, has_pusher, states, t, w):
-    """State of world w at frame t, into the work arrays."""
-    q, p, V, q_P, p_P = states
-    for b in range(nb):
-        for i in range(4):
-            bodies.q[b, i] = q[t, w, b, i]
-        for i in range(3):
-            bodies.p[b, i] = p[t, w, b, i]
-        for i in range(6):
-            bodies.V[b, i] = V[t, w, b, i]
-    if has_pusher:
-        for i in range(4):
-            bodies.q[nb, i] = q_P[t, w, i]
-        for i in range(3):
-            bodies.p[nb, i] = p_P[t, w, i]
-
-
-@kernel
-def _store(bodies, nb, has_pusher, states, t, w):
-    q, p, V, q_P, p_P = states
-    for b in range(nb):
-        for i in range(4):
-            q[t, w, b, i] = bodies.q[b, i]
-        for i in range(3):
-            p[t, w, b, i] = bodies.p[b, i]
-        for i in range(6):
-            V[t, w, b, i] = bodies.V[b, i]
-    if has_pusher:
-        for i in range(4):
-            q_P[t, w, i] = bodies.q[nb, i]
-        for i in range(3):
-            p_P[t, w, i] = bodies.p[nb, i]
-
-
-@kernel
-def load_geometry(model, bodies, parameters, w):
-    """Geometry of world w: centres of mass, spreads of pressure and offsets."""
-    for b in range(model.num_bodies):
-        for i in range(3):
-            bodies.center[b, i] = parameters[4][w, b, i]
-            bodies.spread[b, i] = parameters[5][w, b, i]
-    for k in range(model.num_pairs):
-        bodies.offset[k] = parameters[6][w, k]
-
-
-@kernel
-def drive(bodies, nb, has_pusher, V_P, t, w):
-    """Velocity of world w's pusher in step t, into the work arrays."""
-    if has_pusher:
-        for i in range(6):
-            bodies.V[nb, i] = V_P[t, w, i]
-
-
-@kernel
-def _store_solution(bodies, contacts, solver, saved, t, s, w):
-    """Store what slot s needs beside its state: modes, share of the bounces, length and number of the step."""
-    modes, elastic, lengths, steps, used = saved[5:]
-    for c in range(contacts.number[0]):
-        modes[s, w, c] = solver.mode[c]
-    elastic[s, w] = contacts.elastic[0]
-    lengths[s, w] = bodies.time_step[0]
-    steps[s, w] = t
-    used[w] = s + 1
-
-
-@kernel
-def _load_solution(bodies, contacts, solver, nb, states, saved, s, w):
-    """Velocities and modes that slot s found: the velocities are those of the state after it."""
-    modes, elastic, lengths, _, used = saved[5:]
-    V, at = (states[2], states[2].shape[0] - 1) if s + 1 == used[w] else (saved[2], s + 1)
-    for b in range(nb):
-        for i in range(6):
-            solver.x[6 * b + i] = V[at, w, b, i]
-    for c in range(modes.shape[2]):
-        solver.mode[c] = modes[s, w, c]
-    contacts.elastic[0] = elastic[s, w]
-    bodies.time_step[0] = lengths[s, w]
+# Share of a step that is rounding.
+_NOTHING = 1e-12
 
 
 @kernel
@@ -119,9 +44,9 @@ def _at_rest(bodies, nb):
 
 
 @kernel
-def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work):
+def _forward_world(w, model, parameters, V_P, record_every, frames, saved, given, work):
     mass, inertia, friction, restitution = parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w]
-    status, jams, lagged = frames[5][0], frames[5][1], frames[5][2]
+    status, jams, lagged, early = frames[5][0], frames[5][1], frames[5][2], frames[5][3]
     states, saved_states = frames[:5], saved[:5]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
@@ -138,38 +63,69 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
             # Nothing moves any more, and a step depends on its state alone. One step at rest is not enough: what is
             # thrown up rests for a moment.
             for frame in range(t // record_every + 1, V_P.shape[0] // record_every + 1):
-                _store(bodies, nb, has_pusher, states, frame, w)
+                store(bodies, nb, has_pusher, states, frame, w)
             break
         drive(bodies, nb, has_pusher, V_P, t, w)
-        part, parts, jammed, lags = 0, 1, 0, 0
-        while part < parts:
-            bodies.time_step[0] = model.time_step / parts
+        left, length, impact, carried = model.time_step, model.time_step, False, False
+        stops, jammed, lags, presses, after_impact = 0, 0, 0, 0, False
+        while left > 0.0 or impact:
+            bodies.time_step[0] = 0.0 if impact else min(length, left)
+            if not impact:
+                bodies.time_step[1] = bodies.time_step[0]
             if slots > 0:
                 if slot == slots:
                     status[w] = -t - 1 - TOO_MANY_PARTS
                     return
-                _store(bodies, nb, has_pusher, saved_states, slot, w)
+                store(bodies, nb, has_pusher, saved_states, slot, w)
             used = step_world(
-                model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, parts < MOST_PARTS
+                model,
+                mass,
+                inertia,
+                friction,
+                restitution,
+                bodies,
+                contacts,
+                system,
+                solver,
+                sweep,
+                impact,
+                carried,
+                stops < MOST_IMPACTS,
+                stops < MOST_IMPACTS and not after_impact,
+                length > SHORTEST * model.time_step,
+                given,
             )
             full = contacts.number[0] == limit
             if full or used == -1:
                 status[w] = -t - 1 - (TOO_MANY_CONTACTS if full else 0)
                 return
             if used == HALVE:
-                part, parts = 2 * part, 2 * parts
+                length = 0.5 * min(length, left)
+                continue
+            if used == STRIKE:
+                impact, carried = True, False
+                stops += 1
                 continue
             total += used
             jammed = max(jammed, 1 if is_jammed(contacts, solver) else 0)
             lags = max(lags, solver.lagged[0])
+            after_impact = impact
+            impact = carried = solver.hit[0] >= 0
+            stops += 1 if impact else 0
+            presses = max(presses, 1 if presses_apart(contacts, solver.first) else 0)
             if slots > 0:
-                _store_solution(bodies, contacts, solver, saved, t, slot, w)
+                store_solution(bodies, contacts, solver, saved, t, slot, w, left)
                 slot += 1
-            part += 1
+            left -= bodies.time_step[0]
+            if left < _NOTHING * model.time_step:
+                left = 0.0
+            # A part's length is a fixed share of what is left, or a time of impact; see `adjoint._time_adjoint`.
+            length = left if impact else length
+        early[w] += presses
         jams[w] += jammed
         lagged[w] += lags
         if (t + 1) % record_every == 0:
-            _store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
+            store(bodies, nb, has_pusher, states, (t + 1) // record_every, w)
     status[w] = total
 
 
@@ -210,24 +166,45 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint):
     theta = (parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w])
     theta_bar = (bars[0][w], bars[1][w], bars[2][w], bars[3][w])
-    status, steps, slots = frames[5][0], saved[8], saved[9]
+    status, shares, steps, hits, slots = frames[5][0], saved[11], saved[12], saved[13], saved[14]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
     q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars[7:]
     nb = model.num_bodies
     has_pusher = model.num_kinematic > 0
-    bodies, contacts, system, solver, _ = work
+    bodies, contacts, system, solver, sweep = work
     load_geometry(model, bodies, parameters, w)
     after = V_P.shape[0]
     for s in range(slots[w] - 1, -1, -1):
         t = steps[s, w]
-        if t != after and (t + 1) % record_every == 0:
-            _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
+        if t != after:
+            adjoint.left[0] = 0.0
+            if (t + 1) % record_every == 0:
+                _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
         after = t
-        load(bodies, nb, has_pusher, saved_states, s, w)
         drive(bodies, nb, has_pusher, V_P, t, w)
-        _load_solution(bodies, contacts, solver, nb, states, saved, s, w)
-        if not step_adjoint(model, theta, theta_bar, bodies, contacts, system, solver, adjoint):
+        load_solution(bodies, contacts, solver, saved, s, w)
+        later = s > 0 and steps[s - 1, w] == t
+        end, at = (states, states[0].shape[0] - 1) if s + 1 == slots[w] else (saved_states, s + 1)
+        if not step_adjoint(
+            model,
+            theta,
+            theta_bar,
+            bodies,
+            contacts,
+            system,
+            solver,
+            sweep,
+            adjoint,
+            saved_states,
+            s,
+            end,
+            at,
+            w,
+            shares[s, w],
+            later,
+            later and hits[s - 1, w] >= 0,
+        ):
             status[w] = -t - 1
             return
         if has_pusher:
@@ -253,7 +230,7 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
 
 
 @entry_point
-def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, last):
+def rollout_forward(model, parameters, V_P, record_every, frames, saved, given, first, last):
     """Roll out worlds first..last-1, without holding Python's lock.
 
     Args:
@@ -264,11 +241,12 @@ def rollout_forward(model, parameters, V_P, record_every, frames, saved, first, 
         record_every: steps between frames.
         frames: from `allocate_frames`, written from frame 1 on.
         saved: from `allocate_saved`, written if not empty.
+        given: (W, num_pairs, 3), gains the impulses of each pair's contacts, on A, world frame, N s; or (W, 0, 3).
         first, last: range of worlds.
     """
     for w in range(first, last):
         work = make_workspace(model, saved[5].shape[2])
-        _forward_world(w, model, parameters, V_P, record_every, frames, saved, work)
+        _forward_world(w, model, parameters, V_P, record_every, frames, saved, given[w], work)
 
 
 @entry_point
@@ -283,37 +261,3 @@ def rollout_backward(model, parameters, V_P, record_every, frames, saved, frame_
     for w in range(first, last):
         work, adjoint = make_workspace(model, saved[5].shape[2]), make_adjoint_work(model)
         _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint)
-
-
-def allocate_frames(
-    q: np.ndarray, p: np.ndarray, V: np.ndarray, q_P: np.ndarray, p_P: np.ndarray, num_frames: int
-) -> tuple[np.ndarray, ...]:
-    """Frame arrays (num_frames, W, ...) from the initial state on; status, jams and lagged steps (3, W)."""
-    arrays = []
-    for first in (q, p, V, q_P, p_P):
-        array = np.empty((num_frames, *first.shape))
-        # All frames: kernels write no pusher where there is none.
-        array[:] = first
-        arrays.append(array)
-    return (*arrays, np.zeros((3, q.shape[0]), np.int64))
-
-
-def allocate_saved(num_slots: int, num_worlds: int, num_bodies: int, max_contacts: int) -> tuple[np.ndarray, ...]:
-    """Arrays for the backward pass, with a slot for each part of a step; empty if there are no slots.
-
-    They are the states, modes of contacts, shares of bounces, lengths of the parts [s], numbers of the steps that they
-    belong to, and how many slots each world used.
-    """
-    S, W = num_slots, num_worlds
-    return (
-        np.empty((S, W, num_bodies, 4)),
-        np.empty((S, W, num_bodies, 3)),
-        np.empty((S, W, num_bodies, 6)),
-        np.empty((S, W, 4)),
-        np.empty((S, W, 3)),
-        np.zeros((S, W, max_contacts), np.uint8),
-        np.empty((S, W)),
-        np.empty((S, W)),
-        np.empty((S, W), np.int64),
-        np.zeros(W, np.int64),
-    )

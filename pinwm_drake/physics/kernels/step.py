@@ -1,45 +1,71 @@
 # SPDX-License-Identifier: MIT
-"""One forward step of one world: x' = g(x, a, theta) (numba).
+"""One forward step of one world, or a part of one: x' = g(x, a, theta) (numba).
 
-A step's rows are those of the features at its start, moved along straight lines. Where a body turns fast, other
-features come down meanwhile, and points move along arcs; what would then be deep in something at the step's end is
-stepped in two halves instead, and they in halves again if need be.
+A step of length h has two stages, with half of gravity and of the gyroscopic torque in each,
+
+    M (u - V) = h/2 f + J' lambda,       0 <= lambda_n  perpendicular to  gap / h + J u + h/2 (dJ/dt) V >= 0,
+    q' = q moved by h u,
+    M (V' - u) = h/2 f + J' mu at q',    0 <= mu_n      perpendicular to  J V' >= 0  of what touches,
+
+with friction in both. What is apart at its start and would press ends it when it touches (`impact.py`). There is an
+impact then, 0 <= mu_n perpendicular to J V' + e J V >= 0, and another part of the step follows. After several, what is
+apart presses where it is.
+
+A step's rows are those of the features at its start. Where a body turns fast, other features come down meanwhile; what
+would then be deep in something at the step's end is stepped in two halves instead, and they in halves again.
+
+Source: RATTLE, Andersen, J. Comput. Phys. 52, 1983; with impacts, Acary, Appl. Numer. Math. 62, 2012, and Leyendecker,
+Hartmann, Koch, PAMM 12, 2012.
 """
 
+from pinwm_drake.geometry.vectors import norm
 from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
-from pinwm_drake.physics.kernels.cone import FULL_STICKS
-from pinwm_drake.physics.kernels.detect import build_rows, rebuild_rows, select_features
-from pinwm_drake.physics.kernels.dynamics import begin_step, integrate_quaternion
-from pinwm_drake.physics.kernels.ghosts import gap_after, leave_out_ghosts, switch_off, take_back_hits
+from pinwm_drake.physics.kernels.cone import FULL_STICKS, OPEN
+from pinwm_drake.physics.kernels.detect import SLOW, build_rows, select_features
+from pinwm_drake.physics.kernels.dynamics import IMPACT, POSITION, VELOCITY, begin_stage, integrate_quaternion
+from pinwm_drake.physics.kernels.impact import gap_after, presses_apart, stop_at_touch
 from pinwm_drake.physics.kernels.joints import build_joints
-from pinwm_drake.physics.kernels.restitution import solve_passively
+from pinwm_drake.physics.kernels.restitution import bounce_passively
+from pinwm_drake.physics.kernels.solve import solve_contacts
 from pinwm_drake.physics.kernels.stabilise import stabilise
 
-# What is deeper than this at a step's end, m, and was not before, is stepped in halves; and the most parts of a step.
-DEEP, MOST_PARTS = 5e-5, 16
-# What `step_world` returns where it took no step, because it is to be taken in halves.
-HALVE = -2
+# What is deeper than this at a step's end, m, and was not before, is stepped in halves; the shortest, of a step.
+DEEP, SHORTEST = 5e-6, 1.0 / 64.0
+# Error of a contact's velocity above which a step is taken in halves, m/s: what turns fast about an edge.
+BENT = 3e-4
+# Times of impact in a step.
+MOST_IMPACTS = 8
+# What `step_world` returns where it took no step: half of it is to be taken, or there is an impact before it.
+HALVE, STRIKE = -2, -3
 
 
 @small_kernel
-def build_step(model, mass, inertia, friction, restitution, bodies, contacts, system):
-    """Build a step up to its equations: dynamics, contacts, joints."""
-    begin_step(model, mass, inertia, bodies, system)
-    select_features(model, bodies, contacts)
-    build_rows(model, friction, restitution, bodies, contacts, system)
+def build_stage(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, stage, select):
+    """Build a stage up to its equations: dynamics, contacts, joints; their features are those of the step's start."""
+    begin_stage(model, mass, inertia, bodies, system, stage)
+    if select:
+        select_features(model, bodies, contacts)
+    build_rows(model, friction, restitution, bodies, contacts, system, sweep, solver.first, stage)
     if system.num_rows > 0:
         build_joints(model, bodies, system)
 
 
 @small_kernel
 def advance(model, bodies, contacts, system, solver):
-    """Take the new velocities from solver.x and move all poses (semi-implicit Euler, then stabilisation)."""
+    """Move all poses with the velocities in solver.x, which are then those before the velocity stage.
+
+    In solver.x are then the velocities after the step, if they go on as before.
+
+    What ends with an impact is not stabilised: it has to end there.
+    """
     h = bodies.time_step[0]
     nb = model.num_bodies
     for b in range(nb):
         for i in range(6):
-            bodies.V[b, i] = solver.x[6 * b + i]
-    moved = stabilise(model, contacts, system, solver)
+            u = solver.u[6 * b + i] = solver.x[6 * b + i]
+            solver.x[6 * b + i] = 2.0 * u - bodies.V[b, i]
+            bodies.V[b, i] = u
+    moved = solver.hit[0] < 0 and stabilise(model, contacts, system, solver)
     delta = solver.delta
     for b in range(nb + model.num_kinematic):
         V = bodies.V[b]
@@ -53,68 +79,128 @@ def advance(model, bodies, contacts, system, solver):
         integrate_quaternion(bodies.q[b], x, y, z)
 
 
-@part_of_kernel
-def solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep):
-    """Solves a step without contacts that are none; returns iterations, or -1 where a number is not finite."""
-    total = 0
-    for attempt in range(3):
-        used = solve_passively(model, bodies, system, contacts, solver)
-        if used < 0:
-            return used
-        total += used
-        if attempt == 0 and leave_out_ghosts(model, bodies, contacts, solver, sweep) == 0:
-            break
-        if attempt == 1:
-            if take_back_hits(model, bodies, contacts, solver, sweep) == 0:
-                break
-            rebuild_rows(model, friction, restitution, bodies, contacts, system)
-            switch_off(contacts, sweep)
-    return total
-
-
 @small_kernel
 def is_jammed(contacts, solver):
     """Return True where a contact bears the largest impulse that it has."""
     jammed = False
     for c in range(contacts.number[0]):
-        jammed = jammed or solver.mode[c] >= FULL_STICKS
+        jammed = jammed or solver.first[c] >= FULL_STICKS or solver.mode[c] >= FULL_STICKS
     return jammed
+
+
+@small_kernel
+def add_impulses(contacts, solver, given):
+    """Add the contacts' impulses of a stage to those of the pairs, given (num_pairs, 3), on A, world frame, N s."""
+    for c in range(contacts.number[0]):
+        for i in range(3):
+            for j in range(3):
+                given[contacts.pair[c], j] += solver.lam[c, i] * contacts.frame[c, i, j]
+
+
+@kernel
+def _bends(bodies, contacts, solver):
+    """Return whether what levers that turn do to third order is too much, where contacts press."""
+    h = bodies.time_step[0]
+    for c in range(contacts.number[0]):
+        if solver.mode[c] == OPEN:
+            continue
+        bent, A, B = contacts.curve[c], contacts.body[c, 0], contacts.body[c, 1]
+        V_A, V_B = bodies.V[A], bodies.V[B]
+        turn = h * max(norm(V_A[0], V_A[1], V_A[2]), norm(V_B[0], V_B[1], V_B[2]))
+        if norm(bent[0], bent[1], bent[2]) * turn > BENT:
+            return True
+    return False
 
 
 @kernel
 def _turns_into(model, bodies, contacts, solver, sweep):
-    """Return True where a body that turns fast, or has rims, would be deep in another at the step's end."""
+    """Return True where a body that turns fast would be deep in another at the end, or one with rims in the floor."""
     nb, h = model.num_bodies, bodies.time_step[0]
-    if contacts.number[0] == 0 or is_jammed(contacts, solver):
+    if contacts.number[0] == 0:
         return False
-    fast = False
+    for c in range(contacts.number[0]):
+        if solver.mode[c] >= FULL_STICKS:
+            return False
+    fast, rims = False, False
     for b in range(nb):
         V = bodies.V[b]
         before, after = 0.0, 0.0
         for i in range(3):
             before, after = before + V[i] * V[i], after + solver.x[6 * b + i] * solver.x[6 * b + i]
-        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > 0.2 * DEEP or model.has_rims[b]
-    if not fast:
+        fast = fast or 0.5 * h * h * model.radius[b] * max(before, after) > 0.2 * DEEP
+        rims = rims or model.has_rims[b]
+    if not (fast or rims):
         return False
     allowed = 0.0
     for c in range(contacts.number[0]):
         allowed = min(allowed, contacts.gap[c])
-    return gap_after(model, bodies, solver, sweep) < allowed - DEEP
+    return gap_after(model, bodies, solver, sweep, fast) < allowed - DEEP
+
+
+@kernel
+def _strikes(contacts):
+    """Return whether anything that touches closes."""
+    strikes = False
+    for c in range(contacts.number[0]):
+        strikes = strikes or (contacts.closed[c] == 1 and contacts.approach[c] < -SLOW)
+    return strikes
 
 
 @part_of_kernel
-def step_world(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, may_halve):
-    """Advances one world in place by bodies.time_step.
+def step_world(
+    model,
+    mass,
+    inertia,
+    friction,
+    restitution,
+    bodies,
+    contacts,
+    system,
+    solver,
+    sweep,
+    impact,
+    carried,
+    may_stop,
+    may_strike,
+    may_halve,
+    given,
+):
+    """Advances one world in place by bodies.time_step, or less, which is there then; or takes an impact.
+
+    An impact that is carried is one of the contacts of the part before, which it ended.
+
+    The impulses of pairs are added to given (num_pairs, 3), unless that is empty.
 
     Returns:
-        Iterations; -1 where a number is not finite; HALVE, and nothing has moved, where half the step is to be taken.
+        Iterations; -1 where a number is not finite; HALVE or STRIKE, and nothing has moved.
     """
     contacts.elastic[0] = 1.0
-    build_step(model, mass, inertia, friction, restitution, bodies, contacts, system)
-    iterations = solve_step(model, friction, restitution, bodies, contacts, system, solver, sweep)
-    if iterations < 0:
-        return iterations
-    if may_halve and _turns_into(model, bodies, contacts, solver, sweep):
-        return HALVE
-    advance(model, bodies, contacts, system, solver)
-    return iterations
+    solver.hit[0] = -1
+    total = 0
+    for stage in range(IMPACT if impact else POSITION, 3 if impact else 2):
+        select = stage == POSITION or (stage == IMPACT and not carried)
+        build_stage(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, stage, select)
+        if stage == POSITION and may_strike and _strikes(contacts):
+            return STRIKE
+        used = solve_contacts(bodies, system, contacts, solver, stage)
+        if used >= 0 and stage == IMPACT:
+            used = bounce_passively(bodies, system, contacts, solver, used)
+        if used >= 0 and stage == POSITION and may_stop and presses_apart(contacts, solver.mode):
+            used = stop_at_touch(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep)
+        if used < 0:
+            return used
+        total += used
+        if stage != VELOCITY:
+            for c in range(contacts.number[0]):
+                solver.first[c] = solver.mode[c]
+        may_halve = may_halve and stage == POSITION
+        if may_halve and (_bends(bodies, contacts, solver) or _turns_into(model, bodies, contacts, solver, sweep)):
+            return HALVE
+        if given.shape[0] > 0:
+            add_impulses(contacts, solver, given)
+        if stage == POSITION:
+            advance(model, bodies, contacts, system, solver)
+    for b in range(model.num_bodies):
+        for i in range(6):
+            bodies.V[b, i] = solver.x[6 * b + i]
+    return total

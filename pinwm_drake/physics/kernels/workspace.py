@@ -15,9 +15,11 @@ class BodyWork(NamedTuple):
     q: np.ndarray  # (N, 4), q_WB, (w, x, y, z)
     R: np.ndarray  # (N, 3, 3), R_WB
     p: np.ndarray  # (N, 3), p_WB, m
-    V: np.ndarray  # (N, 6), V_WB, [rad/s; m/s]
-    V_body: np.ndarray  # (nb, 3), angular velocity after the gyroscopic step, body frame, rad/s
-    time_step: np.ndarray  # (1,), s, the model's, or a part of it; see `step.py`
+    V: np.ndarray  # (N, 6), V_WB, [rad/s; m/s], before the stage
+    V_body: np.ndarray  # (nb, 3), angular velocity whose gyroscopic torque the stage takes, body frame, rad/s
+    # (2,), s: that of the model or a part of it, see `step.py`, and what that was before a time of impact ended it,
+    # for which contacts are selected
+    time_step: np.ndarray
     center: np.ndarray  # (N, 3), centre of mass B in the frame of the pieces, m; 0 for the pusher and the world
     place: np.ndarray  # (N, 3), origin of that frame, world frame, m
     spread: np.ndarray  # (nb, 3), factors of the pressure's spread along the axes of B
@@ -37,9 +39,11 @@ class ContactWork(NamedTuple):
     lever: np.ndarray  # (C, 2, 3), contact point from the origins of A and B, world frame, m
     gap: np.ndarray  # (C,), m
     J: np.ndarray  # (C, 2, 3, 6), Jacobians in the contact frame, B's with its minus sign
-    approach: np.ndarray  # (C,), normal relative velocity before the step, m/s
-    closing: np.ndarray  # (C,), 1 where the contact closes within the step
+    closed: np.ndarray  # (C,), 1 where the contact touches at the start of the step
+    approach: np.ndarray  # (C,), normal relative velocity at the start of the step, m/s
     bias: np.ndarray  # (C, 3), m/s
+    # (C, 3), what of it levers and normals that turn make, m/s; in the adjoint its derivative by the length, m/s^2
+    curve: np.ndarray
     rebound: np.ndarray  # (C,), speed of a bounce, m/s
     elastic: np.ndarray  # (1,), share of the bounces that is in bias
     mu: np.ndarray  # (C,), friction coefficients
@@ -69,9 +73,13 @@ class SolverWork(NamedTuple):
     v: np.ndarray  # (C, 3), velocity J x + bias of each contact in its frame, m/s
     lam: np.ndarray  # (C, 3), impulse of each contact in its frame, N s
     mode: np.ndarray  # (C,), see `cone.py`
+    first: np.ndarray  # (C,), modes of the position stage
+    u: np.ndarray  # (6 nb,), velocities of the position stage
+    hit: np.ndarray  # (1,), contact whose time of impact ends the step, or -1
     slip: np.ndarray  # (C, 3), direction of friction, and what it resists across that direction
     gain: np.ndarray  # (C, 6), impulse as a function of velocity, see `cone.py`
     offset: np.ndarray  # (C, 3), of that function
+    rho: np.ndarray  # (C,), mass that a contact feels along its surface, about, kg
     radius: np.ndarray  # (C,), bounds of friction in `descent.py`, N s
     dv: np.ndarray  # (C, 3), change of v along dx
     dx: np.ndarray  # (n,), right-hand side and step
@@ -86,14 +94,16 @@ class SolverWork(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Poses within a step, and the rows that are left out; see `ghosts.py`."""
+    """Poses within a step, and the rows that are left out; see `impact.py`."""
 
     q: np.ndarray  # (N, 4), as in BodyWork
     R: np.ndarray  # (N, 3, 3)
     p: np.ndarray  # (N, 3)
+    place: np.ndarray  # (N, 3), as in BodyWork
     rows: np.ndarray  # (C, 16), feature pairs there
     point: np.ndarray  # (3, 3), scratch: normal and witness points
-    out: np.ndarray  # (C,), 1 where a row is left out
+    turns: np.ndarray  # (1,), 1 where a body turns
+    out: np.ndarray  # (C,), AWAY or BESIDE where a row is left out
 
 
 class AdjointWork(NamedTuple):
@@ -107,6 +117,10 @@ class AdjointWork(NamedTuple):
     pull: np.ndarray  # (N, 6), with respect to velocities before the step, through the share of bounces
     other: np.ndarray  # (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations
     energy: np.ndarray  # (1,), adjoint z of that gain; see `adjoint._share_adjoint`
+    middle: np.ndarray  # (N, 6), with respect to poses after half of a step, as pose
+    touch: np.ndarray  # (N, 6), derivative of the gap whose time of impact ends the step, as pose
+    length: np.ndarray  # (1,), with respect to the length of the velocity stage
+    left: np.ndarray  # (1,), with respect to what is left of a step after a part of it
     frame: np.ndarray  # (3, 3), scratch of one contact
     lever: np.ndarray  # (2, 3), scratch of one contact
     J_e: np.ndarray  # (nr, 6 nb), with respect to joint rows
@@ -130,6 +144,10 @@ def make_adjoint_work(model):
         np.zeros((nb + 2, 6)),
         np.zeros((nb + 2, 6)),
         np.zeros(6 * nb + nr),
+        np.zeros(1),
+        np.zeros((nb + 2, 6)),
+        np.zeros((nb + 2, 6)),
+        np.zeros(1),
         np.zeros(1),
         np.zeros((3, 3)),
         np.zeros((2, 3)),
@@ -156,7 +174,7 @@ def make_workspace(model, max_contacts):
         np.zeros((total, 3)),
         np.zeros((total, 6)),
         np.zeros((nb, 3)),
-        np.full(1, model.time_step),
+        np.full(2, model.time_step),
         np.zeros((total, 3)),
         np.zeros((total, 3)),
         np.ones((nb, 3)),
@@ -173,8 +191,9 @@ def make_workspace(model, max_contacts):
         np.zeros((m, 2, 3)),
         np.zeros(m),
         np.zeros((m, 2, 3, 6)),
+        np.zeros(m, np.uint8),
         np.zeros(m),
-        np.zeros(m),
+        np.zeros((m, 3)),
         np.zeros((m, 3)),
         np.zeros(m),
         np.ones(1),
@@ -199,9 +218,13 @@ def make_workspace(model, max_contacts):
         np.zeros((m, 3)),
         np.zeros((m, 3)),
         np.zeros(m, np.uint8),
+        np.zeros(m, np.uint8),
+        np.zeros(6 * nb),
+        np.full(1, -1),
         np.zeros((m, 3)),
         np.zeros((m, 6)),
         np.zeros((m, 3)),
+        np.zeros(m),
         np.zeros(m),
         np.zeros((m, 3)),
         np.zeros(n),
@@ -218,8 +241,10 @@ def make_workspace(model, max_contacts):
         np.zeros((total, 4)),
         np.zeros((total, 3, 3)),
         np.zeros((total, 3)),
+        np.zeros((total, 3)),
         np.zeros((m, FEATURE_SIZE)),
         np.zeros((3, 3)),
+        np.zeros(1, np.int64),
         np.zeros(m, np.uint8),
     )
     bodies.q[:, 0] = 1.0

@@ -258,7 +258,7 @@ def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
     after, _ = physics.advance(theta, state, np.array([[0.0, 0, 10]]), np.zeros((1, 3)))
     R_WO = RigidTransform(Quaternion(after[0, :4]), after[0, 4:7]).rotation()
     moved = after[0, 4:7] + R_WO @ p_OB - X_WO @ p_OB
-    assert np.allclose(moved, H * (V_WB[0, 0, 3:] + [0, 0, -9.81 * H]), atol=1e-15)
+    assert np.allclose(moved, H * (V_WB[0, 0, 3:] + [0, 0, -0.5 * 9.81 * H]), atol=1e-15)
 
 
 def test_a_world_without_a_solution_takes_shorter_steps(one, monkeypatch):

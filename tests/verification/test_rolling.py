@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: MIT
+"""Rolling and tipping against closed forms: rimless wheels, rocking blocks, and what is round."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.geometry.shapes import box, convex_hull, cylinder, sphere
+from pinwm_drake.physics.model import Body, Model
+from pinwm_drake.physics.state import State
+from pinwm_drake.physics.stepper import Stepper
+from tests.physics.scenes import box_inertia, energy, nominal, run
+
+G = 9.81
+RADIUS, INERTIA = 0.04, 0.0013  # m, kg m^2 about the axis, of 1 kg
+SECONDS, RATE = 0.5, 240
+
+
+def rimless_wheel(sides, speed):
+    """Speed of a rimless wheel after half a second, rad/s, that begins on one edge with a face on the floor.
+
+    It turns about each edge as an inverted pendulum and keeps (I + m R^2 cos d) / (I + m R^2) of its speed at the next.
+    """
+    d, about_edge = 2 * math.pi / sides, INERTIA + RADIUS**2
+    kept, pull = (INERTIA + RADIUS**2 * math.cos(d)) / about_edge, G * RADIUS / about_edge
+    angle, step = -d / 2, 1e-5
+    for _ in range(round(SECONDS / step)):
+        middle = speed + 0.5 * step * pull * math.sin(angle)
+        angle += step * middle
+        speed = middle + 0.5 * step * pull * math.sin(angle)
+        if abs(angle) >= d / 2:
+            angle, speed = angle - math.copysign(d, angle), kept * speed
+    return speed
+
+
+def wheel(sides, rate=RATE):
+    corners = 2 * math.pi * (np.arange(sides) + 0.5) / sides
+    ring = RADIUS * np.stack([np.sin(corners), 0 * corners, -np.cos(corners)], -1)
+    prism = convex_hull(np.concatenate([ring + np.array([0, y, 0]) for y in (-0.025, 0.025)]))
+    body = Body("wheel", [prism], 1.0, np.diag([0.8 * INERTIA, INERTIA, 0.8 * INERTIA]))
+    return Model(bodies=[body], time_step=1 / rate)
+
+
+def rolled(sides, speeds, heading):
+    """Speeds after half a second of wheels that roll in a direction."""
+    model, worlds, d = wheel(sides), len(speeds), 2 * math.pi / sides
+    along, axis = (
+        torch.tensor([math.cos(a), math.sin(a), 0.0], dtype=torch.float64) for a in (heading, heading + math.pi / 2)
+    )
+    up = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
+    w = torch.as_tensor(speeds).double()[:, None] * axis
+    edge = RADIUS * (math.sin(d / 2) * along - math.cos(d / 2) * up)
+    V = torch.cat([w, -torch.linalg.cross(w, edge.expand_as(w))], -1)[:, None]
+    q = (math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2))
+    state = State.at_rest(model, worlds, q_WB=q, p_WB=(0.0, 0.0, RADIUS * math.cos(d / 2)), V_WB=V)
+    parameters = nominal(model, friction_floor=3.0, num_worlds=worlds)
+    frames = run(Stepper(model), parameters, state, SECONDS)
+    w = frames.V_WB[-1, :, 0, :3]
+    assert float((w - (w @ axis)[:, None] * axis).abs().max()) < 1e-9
+    rise = torch.stack([energy(model, parameters, frames.frame(i)) for i in range(frames.num_frames)]).diff(dim=0)
+    assert float(rise.max()) < 1e-5  # second order: half a thousandth of the wheel's smallest energy of motion
+    return (w @ axis).numpy()
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7])
+@pytest.mark.parametrize(("sides", "speeds"), [(64, (2.0, 4.0, 6.0, 8.0)), (16, (4.0, 6.0, 8.0)), (8, (6.0, 8.0))])
+def test_a_rimless_wheel_rolls_as_its_closed_form(sides, speeds, heading):
+    # Slower ones come nearly to rest over an edge, where a thousandth of the speed decides which way they fall.
+    expected = np.array([rimless_wheel(sides, speed) for speed in speeds])
+    np.testing.assert_allclose(rolled(sides, speeds, heading), expected, rtol=6e-3)
+
+
+def test_the_speed_of_a_wheel_depends_on_its_first_one_as_the_closed_form_has_it():
+    speeds = np.linspace(3.9, 4.1, 21)
+    expected = np.array([rimless_wheel(64, speed) for speed in speeds])
+    found = rolled(64, speeds, 0.3)
+    np.testing.assert_allclose(found, expected, rtol=5e-3)
+    # Each impact that comes or goes within the half second is a step of the speed: only the mean is a slope.
+    slope = (found[-1] - found[0]) / (speeds[-1] - speeds[0])
+    assert slope == pytest.approx((expected[-1] - expected[0]) / (speeds[-1] - speeds[0]), rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [240, 960])
+def test_what_is_round_loses_nothing(rate):
+    # A ball that rolls and spins about any axis, and a cylinder that lies, keep their velocity.
+    ball = Body("ball", [sphere(0.03)], 0.5, 0.4 * 0.5 * 0.03**2 * np.eye(3))
+    across = 0.5 / 12 * (3 * 0.03**2 + 0.08**2)
+    lying = Body("cylinder", [cylinder(0.03, 0.08)], 0.5, np.diag([across, across, 0.5 * 0.5 * 0.03**2]))
+    half = math.sqrt(0.5)
+    for body, q, w in ((ball, (1.0, 0.0, 0.0, 0.0), (3.0, 8.0, 5.0)), (lying, (half, half, 0.0, 0.0), (0.0, 8.0, 0.0))):
+        model = Model(bodies=[body], time_step=1 / rate)
+        V = torch.tensor([*w, w[1] * 0.03, -w[0] * 0.03, 0.0], dtype=torch.float64)
+        state = State.at_rest(model, q_WB=q, p_WB=(0.0, 0.0, 0.03), V_WB=V)
+        end = run(Stepper(model), nominal(model, friction_floor=0.5), state, 1.0).V_WB[-1, 0, 0]
+        np.testing.assert_allclose(end.numpy(), V.numpy(), atol=1e-5)  # the contact's compliance
+
+
+@pytest.mark.parametrize(("tilt", "seconds"), [(2.0, 0.12), (5.0, 0.15), (10.0, 0.2), (20.0, 0.3)])
+def test_a_mug_that_is_let_go_on_its_rim_lies_still_as_soon_as_in_other_engines(tilt, seconds):
+    # To 0.3 degrees: 0.02 to 0.14 s in Drake's contact of points and of surfaces, 0.09 to 0.29 s in MuJoCo.
+    across = 0.0013
+    mug = Body("mug", [cylinder(0.04, 0.08)], 1.0, np.diag([across, across, across]))
+    model, a, worlds = Model(bodies=[mug], time_step=1 / RATE), math.radians(tilt), 8
+    roll = torch.linspace(0.0, 0.7, worlds, dtype=torch.float64)
+    c, s = math.cos(a / 2), math.sin(a / 2)
+    q = torch.stack([c * roll.cos(), s * roll.cos(), -s * roll.sin(), c * roll.sin()], -1)[:, None]
+    height = 0.04 * math.cos(a) + 0.04 * math.sin(a) + 1e-6
+    V = torch.zeros(worlds, 1, 6, dtype=torch.float64)
+    V[:, 0, 2] = torch.linspace(-0.3, 0.3, worlds, dtype=torch.float64)
+    state = State.at_rest(model, worlds, q_WB=q, p_WB=(0.0, 0.0, height), V_WB=V)
+    parameters = nominal(model, friction_floor=0.2, num_worlds=worlds)
+    frames = run(Stepper(model), parameters, state, 0.5)
+    up = 1.0 - 2.0 * (frames.q_WB[:, :, 0, 1] ** 2 + frames.q_WB[:, :, 0, 2] ** 2)
+    assert float(up[round(seconds * RATE) :].min()) > math.cos(math.radians(0.3))
+    rise = torch.stack([energy(model, parameters, frames.frame(i)) for i in range(frames.num_frames)]).diff(dim=0)
+    assert float(rise.max()) < 1e-5
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+def test_a_block_that_rocks_keeps_what_its_corner_leaves_it(share):
+    # Housner (1963): about an edge an inverted pendulum, and (1 - 3/2 sin^2 a) of the speed at the other one.
+    a, b, mass = 0.02, 0.05, 0.5
+    size = (2 * a, 2 * a, 2 * b)
+    model = Model(bodies=[Body("block", [box(size)], mass, box_inertia(size, mass))], time_step=1 / RATE)
+    arm, slender = math.hypot(a, b), math.atan2(a, b)
+    tilt = share * slender
+    start = (-arm * math.sin(slender - tilt), 0.0, arm * math.cos(slender - tilt))
+    state = State.at_rest(model, q_WB=(math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0), p_WB=start)
+    frames = run(Stepper(model), nominal(model, friction_floor=5.0), state, 0.3)
+    about = float(model.bodies[0].inertia[1, 1]) + mass * arm**2
+    angle, speed, step, found = tilt, 0.0, 1e-5, []
+    for k in range(round(0.3 / step)):
+        if k % round(1 / RATE / step / 10) == 0:
+            found.append((k * step, speed))
+        speed -= step * mass * G * arm * math.sin(math.copysign(slender, angle) - angle) / about
+        angle += step * speed
+        if angle * (angle - step * speed) < 0.0:
+            speed *= 1 - 1.5 * math.sin(slender) ** 2
+    times, speeds = np.array(found).T
+    ours = frames.V_WB[:, 0, 0, 1].numpy()
+    then = np.interp(np.arange(len(ours)) / RATE, times, speeds)
+    # A frame beside an impact may be on its other side.
+    apart = np.sort(np.abs(ours - then))[: -2 * int(np.sum(np.diff(np.sign(speeds)) != 0) + 2)]
+    assert apart.max() < 0.02 * np.abs(speeds).max()
+
+
+def test_a_corner_that_strikes_the_floor_leaves_as_its_closed_form():
+    # A bar that falls on one end, frictionless: w = v / (c + I / (m c)), with c the way of that end from the middle.
+    length, mass = 0.1, 0.2
+    ends = [sphere(0.004, np.array([x, 0.0, 0.0])) for x in (-length / 2, length / 2)]
+    inertia = mass * length**2 / 12
+    bar = Body("bar", ends, mass, np.diag([1e-5, inertia, inertia]))
+    model = Model(bodies=[bar], time_step=1 / RATE, gravity=(0.0, 0.0, 0.0))
+    tilt, speed = 0.3, 0.8
+    height = 0.0535 + 0.5 * length * math.sin(tilt)
+    state = State.at_rest(
+        model,
+        q_WB=(math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0),
+        p_WB=(0.0, 0.0, height),
+        V_WB=(0.0, 0.0, 0.0, 0.0, 0.0, -speed),
+    )
+    frames = run(Stepper(model), nominal(model, friction_floor=0.0), state, 0.1)
+    arm = 0.5 * length * math.cos(tilt)
+    impulse = speed / (1 / mass + arm**2 / inertia)
+    after = frames.V_WB[:, 0, 0][frames.V_WB[:, 0, 0, 1].abs() > 1e-6][0]
+    assert float(after[5]) == pytest.approx(-speed + impulse / mass, rel=1e-4)
+    assert abs(float(after[1])) == pytest.approx(impulse * arm / inertia, rel=1e-4)
