@@ -70,7 +70,7 @@ def test_capsule_is_found_and_its_deviation_is_the_largest_over_many_directions(
     found = fit(mesh.vertices)
     assert (found.kind, found.size) == ("capsule", pytest.approx((0.02, 0.06), abs=EXACT))
     # Support functions of convex bodies differ by no more than their Hausdorff distance, and by as much somewhere.
-    n = np.random.default_rng(0).normal(size=(100_000, 3))
+    n = np.random.default_rng(0).normal(size=(20_000, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     seen = np.abs(found.reach(n) - (n @ mesh.vertices.T).max(axis=1)).max()
     assert 0.9 * found.deviation < seen <= found.deviation + EXACT

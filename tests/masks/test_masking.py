@@ -87,11 +87,11 @@ def test_the_painted_mask_of_one_photo_tells_two_things_apart(tmp_path):
         ("moved", "moved between photos"),
         ("cut off", "the edge of the photo cuts"),
         ("millimetres", "is it in millimetres"),
-        ("another unit", "in another unit"),
+        pytest.param("another unit", "in another unit", marks=pytest.mark.nightly),
         ("swapped", "another object"),
         ("mirrored", "the mirrored mesh fits"),
         ("two things", "masks hold two things, apart in images/00"),
-        ("two things far apart", "a second thing stands at (5"),
+        pytest.param("two things far apart", "a second thing stands at (5", marks=pytest.mark.nightly),
     ],
 )
 def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):

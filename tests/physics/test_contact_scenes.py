@@ -41,13 +41,14 @@ def test_ten_thousand_scenes_all_have_solutions():
 
 
 # `python -m benchmarks.contact_gradients` compares ten thousand.
-def test_derivatives_of_random_scenes_agree_with_differences():
+@pytest.mark.parametrize("scenes", [30, pytest.param(60, marks=pytest.mark.nightly)])
+def test_derivatives_of_random_scenes_agree_with_differences(scenes):
     counts: dict[str, collections.Counter] = collections.defaultdict(collections.Counter)
-    for number in range(60):
+    for number in range(scenes):
         compare(draw(number, seed=5), number, counts, [])
     total = counts["all"]
     compared = total["right"] + total["wrong"] + total["lagged"]
-    assert compared >= 500
+    assert compared >= 8 * scenes
     assert total["right"] >= 0.99 * compared
 
 

@@ -43,17 +43,21 @@ def compare(model, parameters, state, V_WP, record_every=1, backward=BACKWARD):
         torch.testing.assert_close(ours[name], theirs[name], rtol=0.0, atol=backward * scale + 1e-10, msg=name)
 
 
-@pytest.mark.parametrize("pusher", ["sphere", pytest.param("capsule", marks=pytest.mark.nightly)])
-def test_a_push_agrees_forward_and_backward(pusher):
+@pytest.mark.parametrize(
+    ("pusher", "steps"),
+    [("sphere", 20), *(pytest.param(kind, 40, marks=pytest.mark.nightly) for kind in ("sphere", "capsule"))],
+)
+def test_a_push_agrees_forward_and_backward(pusher, steps):
     model = push_model(pusher)
     parameters = nominal(model, friction_floor=0.03, friction_pusher=0.2)
-    compare(model, parameters, push_start(model), straight_push(40), record_every=4)
+    compare(model, parameters, push_start(model), straight_push(steps), record_every=4)
 
 
-def test_a_bouncing_push_agrees():
+@pytest.mark.parametrize("steps", [18, pytest.param(30, marks=pytest.mark.nightly)])
+def test_a_bouncing_push_agrees(steps):
     model = push_model()
     parameters = nominal(model, friction_floor=0.2, friction_pusher=0.3, restitution_pusher=0.4)
-    compare(model, parameters, push_start(model), straight_push(30), record_every=3)
+    compare(model, parameters, push_start(model), straight_push(steps), record_every=3)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in (1, 2))])
@@ -81,13 +85,14 @@ def test_tumbling_worlds_agree(seed):
     compare(model, parameters, state, torch.zeros(12, W, 6, dtype=torch.float64), record_every=3)
 
 
-def test_bodies_that_touch_each_other_agree():
+@pytest.mark.parametrize("steps", [6, pytest.param(12, marks=pytest.mark.nightly)])
+def test_bodies_that_touch_each_other_agree(steps):
     model = Model(bodies=[cube("a"), cube("b", edge=0.04, mass=0.2), ball()], pusher=[sphere(0.01)])
     parameters = nominal(model, friction_floor=0.3, friction_bodies=0.4, restitution_bodies=0.2)
     p = torch.tensor([[0.0, 0.0, 0.025], [0.004, 0.003, 0.0701], [0.048, 0.002, 0.02]], dtype=torch.float64)
     V = torch.tensor([[0.0] * 6, [0.1, 0.2, 0.3, 0.0, 0.0, -0.1], [0.0, 0.0, 0.0, -0.6, 0.0, 0.0]], dtype=torch.float64)
     state = State.at_rest(model, p_WB=p, V_WB=V, p_WP=(-0.04, 0.001, 0.02))
-    compare(model, parameters, state, straight_push(12, velocity=(0.3, 0.0, 0.0)), record_every=3)
+    compare(model, parameters, state, straight_push(steps, velocity=(0.3, 0.0, 0.0)), record_every=3)
 
 
 @pytest.mark.parametrize("kind", ["fixed", "no_rotation", "no_translation", "hinge"])

@@ -31,7 +31,11 @@ def test_a_fixed_camera_is_within_its_bars(fixed):
     assert found.solution.bundle.noise.pixel < 0.2
 
 
-@pytest.mark.parametrize("settings", [{"model": "fisheye"}, {"mount": "hand"}], ids=["fisheye", "hand"])
+@pytest.mark.parametrize(
+    "settings",
+    [{"model": "fisheye"}, pytest.param({"mount": "hand"}, marks=pytest.mark.nightly)],
+    ids=["fisheye", "hand"],
+)
 def test_other_cameras_are_within_their_bars(tmp_path, settings):
     truth = RenderedLab(2, numbers=NUMBERS, **settings)
     scored = score(truth, calibration_of(load_lab(truth.write(tmp_path))))
@@ -66,7 +70,13 @@ def test_a_print_of_95_percent_is_corrected_by_its_ruler_and_named_without(tmp_p
     assert "printed at 95 %" in message
 
 
-@pytest.mark.parametrize("step", [rigid([0.01, 0, 0.005], [0, 0.01, 0]), rigid([0.05, 0.02, 0], [0.02, 0.08, 0.05])])
+@pytest.mark.parametrize(
+    "step",
+    [
+        rigid([0.01, 0, 0.005], [0, 0.01, 0]),
+        pytest.param(rigid([0.05, 0.02, 0], [0.02, 0.08, 0.05]), marks=pytest.mark.nightly),
+    ],
+)
 def test_a_camera_that_is_moved_between_sets_is_named(tmp_path, step):
     truth = RenderedLab(2, numbers=SMALL, moved=(step, SMALL[1]))
     message = refusal(truth.write(tmp_path))

@@ -78,11 +78,15 @@ def other_run(push):
     ("words", "wrong"),
     [
         (r"cut near 0\.[67]", lambda push: push.film(k := (push.t < 0.7) | (push.t >= 0.95), t=push.t[: k.sum()])),
-        ("the log of another run", lambda push: push.film(log=other_run(push))),
+        pytest.param("the log of another run", lambda push: push.film(log=other_run(push)), marks=pytest.mark.nightly),
         ("another clock: a second of the film is 1.2 s", lambda push: push.film(t=push.t / 1.2)),
         # Films that end before the pusher stops, whose offset could make up for the rate.
         ("a second of the film is 1.1 s", lambda push: push.film(k := push.t < 0.8, t=push.t[k] / 1.1)),
-        (r"a second of the film is 0\.85", lambda push: push.film(k := push.t < 0.8, t=push.t[k] / 0.85)),
+        pytest.param(
+            r"a second of the film is 0\.85",
+            lambda push: push.film(k := push.t < 0.8, t=push.t[k] / 0.85),
+            marks=pytest.mark.nightly,
+        ),
         (r"another clock: the log shows this motion -3\.\d* s away", lambda push: push.film(t=push.t + 4)),
         ("that is sure to|another run", lambda push: push.film(slice(0, 8))),
     ],

@@ -81,6 +81,7 @@ def test_every_check_that_a_recipe_may_name_is_there():
     assert set(CHECKS) == set(get_args(get_type_hints(Recipe)["check"]))
 
 
+@pytest.mark.nightly
 def test_a_poked_cube_moves_alike_in_point_contact(cube):
     seen = []
     found = crosscheck(cube, CrossCheckOptions(engines=("point",), pushes=3), report=lambda: seen.append(1))
