@@ -341,6 +341,13 @@ def stopping() -> str:
     return table("engine | runs | before it was armed | while armed | terminal closed | good", rows)
 
 
+def station_push() -> str:
+    """Table of a push policy for a calibrated station."""
+    found = read("station_push.json")
+    results, delay = found["results"], f"{1e3 * found['settings']['latency']:.0f} ms"
+    return table(f"episodes | delay of actions | {_MEASURED}", [(results["episodes"], delay, *_success(results))])
+
+
 def stand_in() -> str:
     """Table of the stand-in for a robot."""
     rows = []
@@ -389,6 +396,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (ROOT / "docs/explanation/physics.md", "acts_as", acts_as),
     (RESULTS / "policies.md", "pushes", pushes),
     (RESULTS / "policies.md", "flips", flips),
+    (RESULTS / "policies.md", "station_push", station_push),
     (RESULTS / "identification.md", "one_push", one_push),
     (RESULTS / "identification.md", "two_pushes", two_pushes),
     (RESULTS / "identification.md", "compared", compared),
