@@ -39,9 +39,9 @@ def control(request: ControlRequest) -> None:
     with stop_signals() as stop:
         import numpy as np
 
-        from pinwm_drake.control.station import check_station
         from pinwm_drake.files import prepare_folder
         from pinwm_drake.learning.bundle import read_bundle
+        from pinwm_drake.station.named import require_station, station_hash
         from pinwm_drake.systems.control.loop import ControlLoop
         from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
         from pinwm_drake.systems.envs.policy_scene import FORCE, policy_setup
@@ -56,7 +56,8 @@ def control(request: ControlRequest) -> None:
         logging.getLogger("drake").setLevel(logging.WARNING)
         found = read_bundle(request.bundle)
         if request.station is not None or (engine == "lcm" and not request.simulate_arm):
-            check_station(request.bundle, found.spec.station, request.station)
+            at = None if request.station is None else station_hash(request.station)
+            require_station(request.bundle, found.spec.station, at, request.station)
         found = found if request.goal is None else found.toward(request.goal)
         force = None if request.force else FORCE
         setup = policy_setup(found.spec, found.provenance, request.bundle, request.scene, force)

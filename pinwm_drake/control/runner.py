@@ -8,10 +8,10 @@ import numpy as np
 
 from pinwm_drake.control.pilot import Inputs, Memory, Pilot
 from pinwm_drake.control.safety_filter import Mode
-from pinwm_drake.control.station import check_station
 from pinwm_drake.errors import StateError
 from pinwm_drake.learning.bundle import Bundle, read_bundle
 from pinwm_drake.learning.safety import SafetyLimits
+from pinwm_drake.station.named import require_station, station_hash
 
 _EARLY = 1e-6  # s, by which an action may be before its time
 
@@ -66,7 +66,9 @@ class Runner:
     ) -> None:
         self.bundle = bundle if isinstance(bundle, Bundle) else read_bundle(bundle)
         if live or station is not None:
-            check_station("bundle" if isinstance(bundle, Bundle) else bundle, self.bundle.spec.station, station)
+            name = "bundle" if isinstance(bundle, Bundle) else bundle
+            found = None if station is None else station_hash(Path(station))
+            require_station(name, self.bundle.spec.station, found, station)
         self.limits = limits or self.bundle.limits
         self._pilot = Pilot(self.bundle, self.limits, live=live)
         self.reset()

@@ -11,8 +11,9 @@ from pinwm_drake.capture.static_views import TRANSFORMS, is_picture
 from pinwm_drake.documents import Document, Text, finite, read_yaml, schema_version
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder
-from pinwm_drake.station.document import STATION_FILE, Station, load_station
+from pinwm_drake.station.document import Station, load_station
 from pinwm_drake.station.lab import LAB_FILE, LabDocument
+from pinwm_drake.station.named import STATION_FILE
 
 OBJECT_FILE, BOARD_FILE = "object.yaml", "board.pdf"
 _MESHES = (".obj", ".stl", ".ply", ".off", ".glb")

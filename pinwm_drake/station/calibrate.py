@@ -18,7 +18,7 @@ from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.rigid import apart, apply, inverse, to_pose
 from pinwm_drake.station.accuracy import Accuracy, accuracy, scale_by_robot
 from pinwm_drake.station.board import RULER, Board, Detector
-from pinwm_drake.station.document import STATION_FILE, Station, StationDocument, write_station
+from pinwm_drake.station.document import Station, StationDocument, write_station
 from pinwm_drake.station.lab import (
     LAB_FILE,
     LENS,
@@ -32,6 +32,7 @@ from pinwm_drake.station.lab import (
     read_grey,
 )
 from pinwm_drake.station.moved import Background, first_move, is_change, likely_change
+from pinwm_drake.station.named import STATION_FILE
 from pinwm_drake.station.pictures import write_pictures
 from pinwm_drake.station.sharpen import Sharpener
 from pinwm_drake.station.solve import Sighting, Solution, first_lens, solve, upright

@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from pinwm_drake.capture.lens import DISTORTIONS, Lens, LensModel
-from pinwm_drake.capture.paths import is_folder
 from pinwm_drake.capture.scene import PoseDocument
 from pinwm_drake.documents import Document, Entry, FromList, Number, Text, finite, in_words, schema_version, yaml_text
 from pinwm_drake.errors import InputError
@@ -27,10 +26,10 @@ from pinwm_drake.station.lab import (
     ViewDocument,
     WorkspaceDocument,
 )
+from pinwm_drake.station.named import station_file
 from pinwm_drake.validation import Refusal
 
 SCHEMA_VERSION = 1
-STATION_FILE = "station.yaml"
 _Interval = Annotated[tuple[Number, Number], FromList]
 _Row = Annotated[tuple[Number, ...], FromList]
 _Size = Annotated[int, Field(ge=1, le=16384)]
@@ -152,7 +151,7 @@ def load_station(path: Path) -> Station:
     Raises:
         InputError: The file is missing or no YAML, a key is missing or unknown, or a value is out of range.
     """
-    file = path / STATION_FILE if is_folder(path) else path
+    file = station_file(path)
     content = read_bytes(file, MOST_YAML)
     document = Entry(file, "", parse_yaml(content, file)).read(StationDocument)
     return Station(file, hashlib.sha256(content).hexdigest(), document)
@@ -169,20 +168,3 @@ def write_station(path: Path, document: StationDocument) -> Station:
     with replacing(path) as temporary:
         temporary.write_text(yaml_text(plain), encoding="utf-8", newline="")
     return load_station(path)
-
-
-def require_station(where: Path, found: str | None, station: Station) -> None:
-    """Require a capture, twin or bundle to be of a station, or of none that it names.
-
-    Args:
-        where: File that names the station.
-        found: SHA-256 that it names; None for none.
-        station: The station.
-
-    Raises:
-        InputError: It names another station.
-    """
-    if found is not None and found != station.sha256:
-        raise InputError(
-            where, value=f"station {found[:12]}...", allowed=f"{station.sha256[:12]}..., that of {station.path}"
-        )

@@ -24,7 +24,8 @@ from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rigid import apply, from_pose, inverse, to_pose
 from pinwm_drake.spatial.rotations import quaternion_multiply
-from pinwm_drake.station.document import STATION_FILE, Station, load_station, require_station
+from pinwm_drake.station.document import Station, load_station
+from pinwm_drake.station.named import STATION_FILE, require_station
 
 _LONGEST = 1600  # px of a side of the images of a pinhole
 
@@ -115,7 +116,7 @@ def read_eye(capture: Capture, file: Path | None, first: np.ndarray) -> Eye:
         file = capture.folder / EPISODES / capture.episode_names[-1] / CAMERA_FILE
     if file.suffix in (".yaml", ".yml") or is_file(file / STATION_FILE):
         station = load_station(file)
-        require_station(capture.folder / CAPTURE_FILE, capture.station, station)
+        require_station(capture.folder / CAPTURE_FILE, capture.station, station.sha256, station.path)
         eye = eye_of(station)
     elif is_folder(file) or file.name == CAMERA_FILE:
         eye = Eye(*read_fixed_camera(file if is_folder(file) else file.parent))

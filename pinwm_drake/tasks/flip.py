@@ -166,7 +166,7 @@ class FlipTask(Task):
         return tuple((f"{axis} of {words}, world", unit) for words, unit in parts for axis in "xyz")
 
     def to_document(self) -> dict[str, Any]:
-        """Return the task as plain data, without the middle of the floor where that is W; see `Task.to_document`."""
+        """Return the task as plain data, without a `middle` that is the origin of W; see `Task.to_document`."""
         document = super().to_document()
         if not any(self.middle):
             del document["middle"]

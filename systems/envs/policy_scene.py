@@ -18,7 +18,8 @@ from pinwm_drake.learning.images.window import window_size
 from pinwm_drake.learning.spec import CameraSpec, ObjectSpec, Observes, PolicySpec, PusherSpec, SceneSpec
 from pinwm_drake.models import shipped_scenarios, twin_path
 from pinwm_drake.reading.contents import read_bytes
-from pinwm_drake.station.document import load_station, require_station
+from pinwm_drake.station.document import load_station
+from pinwm_drake.station.named import require_station
 from pinwm_drake.systems.envs.env import TaskEnv, changed_options
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup, longest_translation
 from pinwm_drake.systems.scenario.at_station import at_station
@@ -154,7 +155,7 @@ def home_scene(spec: PolicySpec, provenance: Mapping[str, Any], folder: str | Pa
                 lost = f"no station of its training at {recorded['station']}"
                 raise InputError(folder, value=lost, allowed=f"--scene with {_wanted(spec)}")
             station = load_station(Path(file))
-            require_station(Path(folder), spec.station, station)
+            require_station(folder, spec.station, station.sha256, station.path)
             setup = at_station(setup, station)
         check_object(spec, setup)
         return setup

@@ -2,20 +2,20 @@
 """A scene as it is at a lab's station: its table, camera, workspace, starts and delays."""
 
 import dataclasses
-import math
 import warnings
 from typing import Any
 
 import numpy as np
-from pydrake.math import RotationMatrix
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.errors import InputError
+from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.report.camera import ViewCamera
 from pinwm_drake.station.document import Station, StationDocument
 from pinwm_drake.systems.scenario.schema import View
 from pinwm_drake.systems.scenario.setup import Setup, placed_task
-from pinwm_drake.systems.scenario.start import StartDistribution, on_floor
+from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.systems.scenario.viewpoints import look_at
 from pinwm_drake.twin.origin import Origin
 
@@ -68,13 +68,17 @@ def at_station(setup: Setup, station: Station) -> Setup:
             task=task.to_document(),
         ),
     )
+    _tell_tool(setup, station)
     placed = _with_start(placed, station)
     _check_seen(placed, station)
     return dataclasses.replace(placed, task=placed_task(task, placed.scenario, twin))
 
 
 def latency_of(station: StationDocument) -> tuple[float, float]:
-    """Shortest and longest time [s] from an image to the motion of its action; what is not known counts as none."""
+    """Shortest and longest time [s] from an image to the motion of its action.
+
+    What is not known counts as none, and so does the part of an interval below 0.
+    """
     known = [ends for ends in (station.latency.camera, station.latency.robot) if ends is not None]
     return sum(max(low, 0.0) for low, _ in known), sum(max(high, 0.0) for _, high in known)
 
@@ -93,51 +97,48 @@ def _view(station: Station) -> View:
 def _with_start(setup: Setup, station: Station) -> Setup:
     """Return the scene with starts that leave the pusher, beside the object, in its box."""
     scenario, start, given = setup.scenario, setup.scenario.start, station.document.start
-    vertices = StartDistribution(setup).vertices
-    reach = (
-        float(np.linalg.norm(vertices, axis=1).max()) + start.pusher_gap[1] + upright_shape(setup.twin.pusher).radius
-    )
-    ranges: dict[str, Any] = {}
+    reach = start.pusher_gap[1] + upright_shape(setup.twin.pusher).radius
+    reach += float(np.linalg.norm(load_mesh(setup.twin.mesh_path).vertices, axis=1).max())
+    ranges: dict[str, Any] = {} if given is None else {"yaw": list(given.yaw)}
     for k, axis in enumerate("xy"):
         low, high = scenario.pusher.low[k] + reach, scenario.pusher.high[k] - reach
         if low > high:
             size = f"a workspace of {scenario.pusher.high[k] - scenario.pusher.low[k]:.3f} m along {axis}"
             allowed = f"{2 * reach:.3f} m or more, for the object and the pusher beside it"
             raise InputError(station.path, value=size, allowed=allowed)
-        if given is None:
-            wanted = getattr(start, axis)
-            ranges[axis] = [min(max(end, low), high) for end in wanted]
-            continue
-        wanted = list(getattr(given, axis))
-        if wanted[0] < low - 1e-9 or wanted[1] > high + 1e-9:
+        wanted = list(getattr(start if given is None else given, axis))
+        ranges[axis] = [min(max(end, low), high) for end in wanted]
+        if given is not None and (wanted[0] < low - 1e-9 or wanted[1] > high + 1e-9):
             allowed = f"{low:.3f} to {high:.3f} m, so that the pusher beside the object is in the workspace"
             raise InputError(station.path, value=f"start.{axis} {wanted[0]:.3f} to {wanted[1]:.3f} m", allowed=allowed)
-        ranges[axis] = wanted
     if given is None and (ranges["x"], ranges["y"]) != (start.x, start.y):
         found = ", ".join(f"{axis} {low:.3f} to {high:.3f} m" for axis, (low, high) in ranges.items())
         warnings.warn(f"{station.path}: the workspace has room for starts at {found} alone", stacklevel=3)
-    if given is not None:
-        ranges["yaw"] = list(given.yaw)
-    return dataclasses.replace(
-        setup, scenario=dataclasses.replace(scenario, start=dataclasses.replace(start, **ranges))
-    )
+    start = dataclasses.replace(start, **ranges)
+    return dataclasses.replace(setup, scenario=dataclasses.replace(scenario, start=start))
 
 
 def _check_seen(setup: Setup, station: Station) -> None:
-    """Raise InputError where the view does not show all of the object at a corner of the starts."""
-    start, middle = setup.scenario.start, StartDistribution(setup).middle()
-    vertices = StartDistribution(setup).vertices
-    X_CW, size = setup.X_WC.inverse(), np.array([setup.camera.width, setup.camera.height])
-    focal, centre = np.split(np.asarray(setup.camera.intrinsics), 2)
-    for x in start.x:
-        for y in start.y:
-            X_WO = on_floor(vertices, RotationMatrix(middle.X_WO.rotation()), x, y, setup.twin.floor_height)
-            p_C = (X_CW @ X_WO).multiply(vertices.T).T
-            ahead = bool((p_C[:, 2] > 0).all())
-            pixels = centre + focal * p_C[:, :2] / p_C[:, 2:] if ahead else np.full((1, 2), -math.inf)
-            if (pixels < 0).any() or (pixels > size).any():
-                raise InputError(
-                    station.path,
-                    value=f"a view that does not show the whole object at x {x:.3f}, y {y:.3f} m",
-                    allowed="all starts in view, by start, view.fov_y and view.p_WT",
-                )
+    """Raise InputError where the view does not show all of the object at the ends of its starts."""
+    distribution, camera, X_WC = StartDistribution(setup), setup.camera, setup.X_WC
+    numbers, size = camera.intrinsics.numpy(), (camera.width, camera.height)
+    view = ViewCamera(X_WC.rotation().matrix(), X_WC.translation(), numbers[:2], *size, numbers[2:])
+    for place in distribution.extremes():
+        pixels, depth = view.project(place.X_WO.multiply(distribution.vertices.T).T)
+        if (depth <= 0.0).any() or (pixels < 0.0).any() or (pixels > size).any():
+            x, y, _ = place.X_WO.translation()
+            raise InputError(
+                station.path,
+                value=f"a view that does not show the whole object at x {x:.3f}, y {y:.3f} m",
+                allowed="all starts in view, by start, view.fov_y and view.p_WT",
+            )
+
+
+def _tell_tool(setup: Setup, station: Station) -> None:
+    """Warn where the station's tool is another than the pusher that is trained with."""
+    tool, pusher = station.document.tool, setup.twin.pusher
+    shape = None if tool.shape is None else tool.shape.shape()
+    if (shape is not None and shape != pusher.shape) or (shape is None and tool.mesh and pusher.mesh_path is None):
+        named = "a mesh" if shape is None else f"a {shape.kind} of {1e3 * shape.radius:g} mm"
+        words = f"the tool is {named}; training keeps the pusher of {setup.scenario.name}"
+        warnings.warn(f"{station.path}: {words}", stacklevel=3)

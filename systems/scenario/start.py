@@ -3,8 +3,9 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain, product, repeat
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis, Quaternion
@@ -52,6 +53,18 @@ class StartDistribution:
     def middle(self) -> Place:
         """Place at the middle of every range, without a roll."""
         return self._place(lambda ends: 0.5 * (ends[0] + ends[1]))
+
+    def extremes(self) -> list[Place]:
+        """Places at the ends of the ranges of x, y and yaw, and at the middle of yaw."""
+        places = []
+        for shares in product((0.0, 1.0), (0.0, 1.0), (0.0, 0.5, 1.0)):
+            left = chain(shares, repeat(0.5))
+
+            def pick(ends: list[float], left: Iterator[float] = left) -> float:
+                return ends[0] + next(left) * (ends[1] - ends[0])
+
+            places.append(self._place(pick))
+        return places
 
     def draw(self, generator: np.random.Generator) -> Place:
         """Random place, each number drawn evenly from its range."""

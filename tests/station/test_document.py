@@ -10,7 +10,8 @@ from benchmarks.calibration import HEIGHT
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.rigid import from_pose, inverse
 from pinwm_drake.station.calibrate import PICTURES
-from pinwm_drake.station.document import load_station, require_station, write_station
+from pinwm_drake.station.document import load_station, write_station
+from pinwm_drake.station.named import require_station
 from tests.station.stations import plain_station, station_document
 
 
@@ -77,7 +78,7 @@ def test_wrong_stations_are_refused_by_name(tmp_path, edit, part):
 
 def test_another_station_is_refused(tmp_path):
     station = write_station(tmp_path / "station.yaml", station_document())
-    require_station(tmp_path / "capture.yaml", station.sha256, station)
-    require_station(tmp_path / "capture.yaml", None, station)
+    require_station(tmp_path / "capture.yaml", station.sha256, station.sha256, station.path)
+    require_station(tmp_path / "capture.yaml", None, station.sha256, station.path)
     with pytest.raises(InputError, match=r"capture\.yaml: got station 0000"):
-        require_station(tmp_path / "capture.yaml", "0" * 64, station)
+        require_station(tmp_path / "capture.yaml", "0" * 64, station.sha256, station.path)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 import dataclasses
 import re
+import warnings
 from dataclasses import astuple
 
 import cv2
@@ -119,6 +120,15 @@ def test_starts_are_those_of_the_station_or_as_the_workspace_has_room(tmp_path):
 def test_what_a_station_lacks_is_refused_by_its_key(tmp_path, changes, words):
     with pytest.raises(InputError, match=re.escape(words)):
         at_station(load_setup("push_t"), make(tmp_path, **changes))
+
+
+def test_another_tool_than_the_pusher_is_told(tmp_path):
+    same, other = ({"shape": {"kind": "sphere", "radius": radius}} for radius in (0.01, 0.006))
+    with pytest.warns(UserWarning, match="the tool is a sphere of 6 mm; training keeps the pusher of push_t"):
+        at_station(load_setup("push_t"), make(tmp_path, tool=other))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        at_station(load_setup("push_t"), make(tmp_path, "same.yaml", tool=same))
 
 
 def test_a_twin_keeps_the_floor_that_it_was_identified_with_at_this_station_alone(tmp_path):
