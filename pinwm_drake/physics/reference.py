@@ -16,6 +16,7 @@ from pinwm_drake.physics.cone import ContactProblem
 from pinwm_drake.physics.kernels.detect import TOUCHING
 from pinwm_drake.physics.kernels.dynamics import IMPACT, POSITION, VELOCITY
 from pinwm_drake.physics.kernels.impact import GRAZES, LANDED, MOST_LOOKS, NEAR
+from pinwm_drake.physics.kernels.rollout import NOTHING
 from pinwm_drake.physics.kernels.stabilise import CONTACT, KAPPA, MOST_PUSHED, ROUNDING, ROUNDS, SLOP
 from pinwm_drake.physics.kernels.step import BENT, MOST_IMPACTS, SHORTEST
 from pinwm_drake.physics.model import Model
@@ -77,8 +78,8 @@ def _share(a: Tensor, b: Tensor, c: Tensor, at_a: Tensor, at_b: Tensor, at_c: Te
 
 def _touch(
     model: Model, parameters: Parameters, features: Features, state: State, V_WP: Tensor, h: Tensor, away: Tensor
-) -> tuple[Tensor, Tensor, bool]:
-    """Length (1,) of one world's part until what is away (1, C) touches, what is away then, and whether it touches."""
+) -> tuple[Tensor, bool]:
+    """Length (1,) of one world's part until what is away (1, C) touches, s, and whether it touches."""
     nb = model.num_bodies
 
     def after(length: Tensor) -> tuple[State, Tensor]:
@@ -127,8 +128,8 @@ def _touch(
             length = length.detach()
             if abs(float(speed)) > GRAZES:
                 length = length - (value - value.detach()) / speed
-        return length, away, True
-    return h, away, False
+        return length, True
+    return h, False
 
 
 def _part(
@@ -149,7 +150,7 @@ def _part(
         one = torch.tensor([w], device=h.device)
         away[w] = stage.contacts.valid[w] & ~stage.closed[w]
         theta, start = parameters.worlds(one), state.worlds(one)
-        lengths[w], _, hits[w] = _touch(model, theta, features.of(one), start, V_WP[one], h[one], away[one])
+        lengths[w], hits[w] = _touch(model, theta, features.of(one), start, V_WP[one], h[one], away[one])
     if bool(apart.any()):
         h = torch.cat(lengths)
         stage = build_stage(model, parameters, features, state, V_WP, h, POSITION)
@@ -224,7 +225,7 @@ def step_reference(model: Model, parameters: Parameters, state: State, V_WP: Ten
         state = State(*(torch.cat(list(t))[order] for t in zip(*(one.tensors() for one in states), strict=True)))
         length = torch.where(hit, next_left, length)
         impacts, after_impact = impacts + (hit | strikes), hit | strikes | (again & after_impact)
-        ends = next_left.detach() <= 1e-12 * model.time_step
+        ends = next_left.detach() <= NOTHING * model.time_step
         for k in torch.nonzero(ends)[:, 0].tolist():
             done[int(going[k])] = state.worlds(torch.tensor([k], device=device))
         keep = torch.nonzero(~ends)[:, 0]

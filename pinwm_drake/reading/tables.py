@@ -22,6 +22,7 @@ def read_rows(path: Path, separators: str = ",", comment: str = "") -> list[tupl
     Args:
         path: The file.
         separators: What may stand between cells; the first of these that is in the first line with contents counts.
+            Where there are several, spaces after one are no part of a cell, which may be quoted.
         comment: Beginning of lines that are no rows; empty for none.
 
     Raises:
@@ -32,7 +33,10 @@ def read_rows(path: Path, separators: str = ",", comment: str = "") -> list[tupl
     separator = next((one for one in separators if one in first.strip()), separators[0])
     spaced, lines = separator == " ", _lines(text, comment)
     reader = csv.reader(
-        (line.strip() for line in lines) if spaced else lines, delimiter=separator, skipinitialspace=spaced, strict=True
+        (line.strip() for line in lines) if spaced else lines,
+        delimiter=separator,
+        skipinitialspace=len(separators) > 1,
+        strict=True,
     )
     rows: list[tuple[int, list[str]]] = []
     with guarded(path, _ALLOWED):

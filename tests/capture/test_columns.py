@@ -74,6 +74,11 @@ def test_rows_without_numbers_duplicates_and_short_rows_are_dropped_and_counted(
     ]
 
 
+def test_cells_may_be_quoted_after_a_space(tmp_path):
+    table = log(tmp_path, 't, "px", "py", "pz"\n0, "0.1", 0, 0\n1, "0.2", 0, 0\n')
+    np.testing.assert_allclose(make_trajectory(table, {})[0].p_WP[:, 0], [0.1, 0.2])
+
+
 def test_columns_without_a_header_have_numbers(tmp_path):
     given = parse_columns("t=1[s],px=2[m],py=3[m],pz=0.05[m]")
     motion, _ = make_trajectory(log(tmp_path, "0 0.1 0.2\n0.01 0.1 0.2\n"), given)
@@ -147,6 +152,8 @@ def test_a_wrong_map_is_refused(text, words):
         ("t,x (ft),py,pz\n0,0,0,0\n1,0,0,0\n", "", "got column x (ft) for px; allowed: m, cm, mm"),
         ("t,px,py,pz\n0,0,0,\n1,0,0,up\n", "", "0 rows of 2 with numbers; row 2: pz = ''; allowed: two or more"),
         ("t,px,py,pz,qw,qx,qy,qz\n0,0,0,0,2,0,0,0\n1,0,0,0,2,0,0,0\n", "", "row 2: got 2 quaternions of norm 2"),
+        ("t,px,py,pz\n0,0,0,0\n1,1e308,0,0\n", "", "row 3: got px = 1e308; allowed: a place within 1000 m"),
+        ("t,px,py\n0,0,0\n1,0,0\n", "t=t,px=px,py=py,pz=5000[m]", "got pz=5000; allowed: a place within 1000 m"),
         ("t,px,py,pz\n0,0,0,0\n", "", "times 0 apart"),
         ("\nt,t\n0,0\n", "", "row 2: got t twice"),
         ("", "", "no row"),

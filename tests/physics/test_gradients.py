@@ -57,7 +57,7 @@ def test_restitution_has_the_derivative_towards_larger_values(pusher):
     cotangents = make_cotangents(inputs, STEPS // EVERY + 1, torch.Generator().manual_seed(1))
     analytic = float(gradients(stepper, inputs, cotangents, EVERY)["restitution"].sum())
     ones = torch.ones_like(inputs["restitution"])
-    step, value = 1e-5, {}
+    step, value = 1e-6, {}
     for scale in range(3):
         moved = {**inputs, "restitution": scale * step * ones}
         with torch.no_grad():

@@ -60,7 +60,7 @@ def rolled(sides, speeds, heading):
     w = frames.V_WB[-1, :, 0, :3]
     assert float((w - (w @ axis)[:, None] * axis).abs().max()) < 1e-9
     rise = torch.stack([energy(model, parameters, frames.frame(i)) for i in range(frames.num_frames)]).diff(dim=0)
-    assert float(rise.max()) < 1e-5  # second order: half a thousandth of the wheel's smallest energy of motion
+    assert float(rise.max()) < 1e-5  # second order: 3 thousandths of the wheel's smallest energy of motion
     return (w @ axis).numpy()
 
 
@@ -98,8 +98,8 @@ def test_what_is_round_loses_nothing(rate):
 
 
 @pytest.mark.parametrize(("tilt", "seconds"), [(2.0, 0.12), (5.0, 0.15), (10.0, 0.2), (20.0, 0.3)])
-def test_a_mug_that_is_let_go_on_its_rim_lies_still_as_soon_as_in_other_engines(tilt, seconds):
-    # To 0.3 degrees: 0.02 to 0.14 s in Drake's contact of points and of surfaces, 0.09 to 0.29 s in MuJoCo.
+def test_a_mug_that_is_let_go_on_its_rim_lies_still_about_as_soon_as_in_other_engines(tilt, seconds):
+    # To 0.3 degrees: 0.02 to 0.16 s in Drake's contact of points and of surfaces, 0.09 to 0.29 s in MuJoCo.
     across = 0.0013
     mug = Body("mug", [cylinder(0.04, 0.08)], 1.0, np.diag([across, across, across]))
     model, a, worlds = Model(bodies=[mug], time_step=1 / RATE), math.radians(tilt), 8
@@ -118,6 +118,24 @@ def test_a_mug_that_is_let_go_on_its_rim_lies_still_as_soon_as_in_other_engines(
     assert float(rise.max()) < 1e-5
 
 
+def test_a_rim_that_rolls_loses_the_work_of_rolling_friction_and_less_than_as_much_on_its_corners():
+    # The work is that of the weight at a lever of 1 mm, times the squared cosine of the tilt, over the horizontal turn.
+    across, a, spin, seconds = 0.0013, math.radians(20.0), 4.0, 0.15
+    model = Model(bodies=[Body("mug", [cylinder(0.04, 0.08)], 1.0, np.diag([across] * 3))], time_step=1 / RATE)
+    lowest = np.array([0.0, 0.04 * (math.sin(a) - math.cos(a)), -0.04 * (math.sin(a) + math.cos(a))])
+    w = np.array([0.0, spin, 0.0])
+    q, p_WB = (math.cos(a / 2), math.sin(a / 2), 0.0, 0.0), (0.0, 0.0, -lowest[2] + 1e-6)
+    state = State.at_rest(model, q_WB=q, p_WB=p_WB, V_WB=(*w, *-np.cross(w, lowest)))
+    parameters = nominal(model, friction_floor=2.0)
+    frames = run(Stepper(model), parameters, state, seconds)
+    left = [float(energy(model, parameters, frames.frame(i))) for i in range(frames.num_frames)]
+    cosine = 1.0 - 2.0 * (frames.q_WB[:, 0, 0, 1:3] ** 2).sum(-1).numpy()
+    power = 1e-3 * G * cosine**2 * frames.V_WB[:, 0, 0, :2].norm(dim=-1).numpy()
+    work = np.cumsum(0.5 * (power[1:] + power[:-1]) / RATE)
+    for k in range(6, frames.num_frames):
+        assert work[k - 1] < left[0] - left[k] < 2.0 * work[k - 1]
+
+
 @pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
 def test_a_block_that_rocks_keeps_what_its_corner_leaves_it(share):
     # Housner (1963): about an edge an inverted pendulum, and (1 - 3/2 sin^2 a) of the speed at the other one.
@@ -130,7 +148,7 @@ def test_a_block_that_rocks_keeps_what_its_corner_leaves_it(share):
     state = State.at_rest(model, q_WB=(math.cos(tilt / 2), 0.0, math.sin(tilt / 2), 0.0), p_WB=start)
     frames = run(Stepper(model), nominal(model, friction_floor=5.0), state, 0.3)
     about = float(model.bodies[0].inertia[1, 1]) + mass * arm**2
-    angle, speed, step, found = tilt, 0.0, 1e-5, []
+    angle, speed, step, found, hits = tilt, 0.0, 1e-5, [], []
     for k in range(round(0.3 / step)):
         if k % round(1 / RATE / step / 10) == 0:
             found.append((k * step, speed))
@@ -138,12 +156,14 @@ def test_a_block_that_rocks_keeps_what_its_corner_leaves_it(share):
         angle += step * speed
         if angle * (angle - step * speed) < 0.0:
             speed *= 1 - 1.5 * math.sin(slender) ** 2
+            hits.append(k * step)
     times, speeds = np.array(found).T
     ours = frames.V_WB[:, 0, 0, 1].numpy()
-    then = np.interp(np.arange(len(ours)) / RATE, times, speeds)
+    at = np.arange(len(ours)) / RATE
     # A frame beside an impact may be on its other side.
-    apart = np.sort(np.abs(ours - then))[: -2 * int(np.sum(np.diff(np.sign(speeds)) != 0) + 2)]
-    assert apart.max() < 0.02 * np.abs(speeds).max()
+    beside = (np.abs(at[:, None] - hits) < 1.5 / RATE).any(-1)
+    assert beside.sum() < 0.5 * len(at)
+    assert np.abs(ours - np.interp(at, times, speeds))[~beside].max() < 0.02 * np.abs(speeds).max()
 
 
 def test_a_corner_that_strikes_the_floor_leaves_as_its_closed_form():

@@ -13,6 +13,7 @@ import numpy as np
 
 from pinwm_drake.capture.episode_tables import FORCE, POSITION, QUATERNION, VELOCITY, PusherTrajectory, quote
 from pinwm_drake.capture.importers.film import Columns, counted, in_order, time_unit
+from pinwm_drake.capture.scene import FARTHEST
 from pinwm_drake.errors import InputError, ParameterError
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
@@ -151,7 +152,7 @@ def make_trajectory(log: Columns, given: dict[str, Source]) -> tuple[PusherTraje
     notes += told
     t, rows = t[kept], rows[kept]
     raw = {name: values[rows] for name, values in raw.items()}
-    p_WP = _positions(log, sources, raw, notes)
+    p_WP = _positions(log, sources, raw, rows, notes)
     v_WP = np.zeros_like(p_WP)
     v_WP[:-1] = np.diff(p_WP, axis=0) / np.diff(t)[:, None]
     if "vx" in raw:
@@ -215,7 +216,17 @@ def _time_factor(log: Columns, source: Source, values: np.ndarray, notes: list[s
     return factor
 
 
-def _positions(log: Columns, sources: dict[str, Source], raw: dict[str, np.ndarray], notes: list[str]) -> np.ndarray:
+def _positions(
+    log: Columns, sources: dict[str, Source], raw: dict[str, np.ndarray], rows: np.ndarray, notes: list[str]
+) -> np.ndarray:
+    """Positions (m, 3) [m]; InputError where one is farther than any in a capture."""
+    for name in POSITION:
+        far = np.flatnonzero(np.abs(raw[name]) * (sources[name].factor or 1e-3) > FARTHEST)
+        if len(far):
+            k, column = int(rows[far[0]]), sources[name].column
+            found = log.told(column, k) if column in log.values else f"{name}={column}"
+            allowed = f"a place within {FARTHEST:g} m; see the units of --columns"
+            raise InputError(log.path, row=int(log.rows[k]), value=found, allowed=allowed)
     guess = [name for name in POSITION if sources[name].factor is None]
     factor = 1.0
     if guess:

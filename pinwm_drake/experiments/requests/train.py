@@ -132,6 +132,8 @@ class TrainRequest:
         require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")
+        calibrated = self.station is None or not self.as_filmed
+        require("--as-filmed", "it with --station", calibrated, "one of the two: a station has a camera of its own")
         learned = self.mask_error == 0.0 or self.method == "distil"
         require("--mask-error", f"{self.mask_error} with method {self.method}", learned, "with method distil")
         require("--no-auxiliary", f"method {self.method}", self.auxiliary or self.method == "ppo", "with method ppo")

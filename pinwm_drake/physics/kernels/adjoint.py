@@ -212,7 +212,6 @@ def step_adjoint(
                 restitution_bar,
                 bodies,
                 contacts,
-                system,
                 solver,
                 sweep,
                 adjoint,

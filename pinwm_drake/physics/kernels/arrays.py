@@ -29,8 +29,7 @@ class ModelArrays(NamedTuple):
     pair_index: np.ndarray
     num_pairs: int  # rows of the pair tables
     radius: np.ndarray  # (num_bodies + 1,), m, of a sphere about each body's origin that holds it; the pusher's last
-    # (num_bodies,), whether a piece is a cylinder: the lowest point of a rim runs around it, however slowly the
-    # body turns
+    # (num_bodies,), whether a piece is a cylinder, whose rims rest on corners that change, and roll with friction
     has_rims: np.ndarray
     # (num_bodies,), whether floor points come and go as the body turns: rims, points of a face that lies flat, or more
     # than are kept

@@ -156,9 +156,7 @@ def share_adjoint(model, bodies, contacts, system, solver, adjoint):
 
 
 @small_kernel
-def rows_adjoint(
-    model, friction_bar, restitution, restitution_bar, bodies, contacts, system, solver, sweep, adjoint, c, stage
-):
+def rows_adjoint(model, friction_bar, restitution, restitution_bar, bodies, contacts, solver, sweep, adjoint, c, stage):
     """Adjoint of the rows of contact c: to poses, velocities before the stage, friction and restitution."""
     field = adjoint.field
     if solver.mode[c] == OPEN:

@@ -33,24 +33,34 @@ def relative_velocity(V_A, V_B, p_A, p_B, a, b):
 
 
 @small_kernel
+def move_body(bodies, sweep, b, V, h):
+    """Pose of body b after h seconds with a velocity V (6,), angular first, rad/s and m/s: in the sweep's R, p, q."""
+    q = sweep.q[b]
+    for i in range(4):
+        q[i] = bodies.q[b, i]
+    integrate_quaternion(q, h * V[0], h * V[1], h * V[2])
+    rotation_from_quaternion(q, sweep.R[b])
+    for i in range(3):
+        sweep.p[b, i] = bodies.p[b, i] + h * V[3 + i]
+
+
+@small_kernel
 def move_halfway(model, bodies, sweep, half):
     """Poses after half of a step, of `half` seconds, with the velocities before it, and whether anything turns."""
     turns = 0.0
     for b in range(model.num_bodies + model.num_kinematic):
-        V, q = bodies.V[b], sweep.q[b]
+        V = bodies.V[b]
         turns = max(turns, norm(V[0], V[1], V[2]))
-        for i in range(4):
-            q[i] = bodies.q[b, i]
-        integrate_quaternion(q, half * V[0], half * V[1], half * V[2])
-        rotation_from_quaternion(q, sweep.R[b])
-        for i in range(3):
-            sweep.p[b, i] = bodies.p[b, i] + half * V[3 + i]
+        move_body(bodies, sweep, b, V, half)
     sweep.turns[0] = 1 if turns > STRAIGHT else 0
 
 
 @small_kernel
 def floor_curve(row, V, R, p, frame, lever):
-    """`curve` of a point over the floor, at the pose (R, p)."""
+    """Return what the lever of a point over the floor makes of V, m/s, at the pose R, p after half of a step.
+
+    It is `curve` for a row of the features whose normal does not turn; frame and lever are those before the step.
+    """
     n = frame[0]
     x, y, z = rotate(R, row[1], row[2], row[3])
     # The contact is in the middle between the point's surface and the floor.
@@ -67,7 +77,10 @@ def floor_curve(row, V, R, p, frame, lever):
 
 @kernel
 def curve(bodies, contacts, sweep, c):
-    """Return what levers and normals that turn make of the velocities before the step, at the poses of the sweep."""
+    """Return what contact c's levers and normal that turn make of the velocities before the step, m/s.
+
+    They are those at the poses of the sweep, less those at the poses before the step: along normal and tangents.
+    """
     A, B = contacts.body[c, 0], contacts.body[c, 1]
     V_A, V_B, frame, point = bodies.V[A], bodies.V[B], contacts.frame[c], sweep.point
     x0, y0, z0 = relative_velocity(V_A, V_B, bodies.p[A], bodies.p[B], contacts.witness[c, 0], contacts.witness[c, 1])
@@ -153,7 +166,7 @@ def curve_adjoint(model, bodies, contacts, sweep, adjoint, c, s_n, s_1, s_2):
         add(before[body], 3, sign, late)
         add(lever[end], 0, sign, triples.cross(late, V))
     n_bar = (s_n * then[0], s_n * then[1], s_n * then[2])
-    geometry_adjoint(model, bodies, contacts, adjoint, c, sweep.R, sweep.p, n, a, b, adjoint.middle, n_bar, 0.0)
+    geometry_adjoint(model, contacts, adjoint, c, sweep.R, sweep.p, n, a, b, adjoint.middle, n_bar, 0.0)
     for i in range(3):
         lever[0, i], lever[1, i] = kept[i], kept[3 + i]
         adjoint.frame[0, i] -= s_n * now[i]

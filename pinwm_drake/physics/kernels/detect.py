@@ -118,7 +118,7 @@ def half_force(model, contacts, c):
 
 
 @small_kernel
-def build_rows(model, friction, restitution, bodies, contacts, system, sweep, first, stage):
+def build_rows(model, friction, restitution, bodies, contacts, sweep, first, stage):
     """Fill frames, levers, Jacobians and biases of the selected contacts.
 
     In the position stage a contact may close by its gap. To second order that is gap + h J u + h (J_m V - J V), with
@@ -208,6 +208,6 @@ def switch_off(contacts, c):
 
 
 @large_kernel
-def rebuild_rows(model, friction, restitution, bodies, contacts, system, sweep, first, stage):
+def rebuild_rows(model, friction, restitution, bodies, contacts, sweep, first, stage):
     """`build_rows`, where it is not needed at every step."""
-    build_rows(model, friction, restitution, bodies, contacts, system, sweep, first, stage)
+    build_rows(model, friction, restitution, bodies, contacts, sweep, first, stage)

@@ -121,6 +121,7 @@ def begin_stage(model, mass, inertia, bodies, system, stage):
 
     A stage takes half of the step's gravity and gyroscopic torque: implicitly in the position stage and explicitly in
     the velocity stage, which together are the midpoint rule for a body that turns freely. It keeps energy and spin.
+    Half of the rolling friction of rims, by the pose and velocity that the stage begins with, is in the momenta.
 
     Args:
         mass: (nb,), kg.

@@ -8,7 +8,7 @@ from pinwm_drake.physics.kernels.triples import add, multiply_transposed
 
 
 @kernel
-def geometry_adjoint(model, bodies, contacts, adjoint, c, R, p, n, a, b, out, n_bar, gap_bar):
+def geometry_adjoint(model, contacts, adjoint, c, R, p, n, a, b, out, n_bar, gap_bar):
     """Adjoint of contact c's geometry at poses R, p: to those poses, in `out`, and to the shapes of its bodies.
 
     Args:
@@ -47,4 +47,4 @@ def frame_to_pose(model, c, bodies, contacts, adjoint, gap_bar):
     gx, gy, gz = tangents_adjoint(n[0], n[1], n[2], contacts.frame[c, 1], frame[1], frame[2])
     n_bar = (frame[0, 0] + gx, frame[0, 1] + gy, frame[0, 2] + gz)
     a, b = contacts.witness[c, 0], contacts.witness[c, 1]
-    geometry_adjoint(model, bodies, contacts, adjoint, c, bodies.R, bodies.p, n, a, b, adjoint.pose, n_bar, gap_bar)
+    geometry_adjoint(model, contacts, adjoint, c, bodies.R, bodies.p, n, a, b, adjoint.pose, n_bar, gap_bar)

@@ -10,13 +10,12 @@ from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_flo
 from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel, large_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
+from pinwm_drake.physics.kernels.curve import move_body
 from pinwm_drake.physics.kernels.detect import AWAY, BESIDE, place_pieces, rebuild_rows, switch_off
 from pinwm_drake.physics.kernels.dynamics import (
     POSITION,
     VELOCITY,
     begin_stage,
-    integrate_quaternion,
-    rotation_from_quaternion,
 )
 from pinwm_drake.physics.kernels.solve import solve_again
 
@@ -33,14 +32,7 @@ def move(model, bodies, solver, sweep, h):
     """Poses of all bodies after a time h, by the velocities found."""
     nb = model.num_bodies
     for b in range(nb + model.num_kinematic):
-        V = solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b]
-        q = sweep.q[b]
-        for i in range(4):
-            q[i] = bodies.q[b, i]
-        integrate_quaternion(q, h * V[0], h * V[1], h * V[2])
-        rotation_from_quaternion(q, sweep.R[b])
-        for i in range(3):
-            sweep.p[b, i] = bodies.p[b, i] + h * V[3 + i]
+        move_body(bodies, sweep, b, solver.x[6 * b : 6 * b + 6] if b < nb else bodies.V[b], h)
 
 
 @large_kernel
@@ -110,7 +102,7 @@ def _gap_at(model, mass, inertia, friction, restitution, bodies, contacts, syste
     """Solve the position stage of length h without what is away; its smallest gap afterwards, contact, iterations."""
     bodies.time_step[0] = h
     begin_stage(model, mass, inertia, bodies, system, POSITION)
-    rebuild_rows(model, friction, restitution, bodies, contacts, system, sweep, solver.first, POSITION)
+    rebuild_rows(model, friction, restitution, bodies, contacts, sweep, solver.first, POSITION)
     for c in range(contacts.number[0]):
         if sweep.out[c] != 0:
             switch_off(contacts, c)

@@ -21,7 +21,7 @@ TOO_MANY_CONTACTS, TOO_MANY_PARTS = 1_000_000_000, 2_000_000_000
 # Speeds, rad/s and m/s, of bodies that rest, under a pusher that rests.
 RESTS = 1e-12
 # Share of a step that is rounding.
-_NOTHING = 1e-12
+NOTHING = 1e-12
 
 
 @kernel
@@ -117,9 +117,9 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, given
                 store_solution(bodies, contacts, solver, saved, t, slot, w, left)
                 slot += 1
             left -= bodies.time_step[0]
-            if left < _NOTHING * model.time_step:
+            if left < NOTHING * model.time_step:
                 left = 0.0
-            # A part's length is a fixed share of what is left, or a time of impact; see `adjoint._time_adjoint`.
+            # A part's length is a fixed share of what is left, or a time of impact; see `time_adjoint.time_adjoint`.
             length = left if impact else length
         early[w] += presses
         jams[w] += jammed

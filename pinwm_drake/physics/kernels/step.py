@@ -45,7 +45,7 @@ def build_stage(model, mass, inertia, friction, restitution, bodies, contacts, s
     begin_stage(model, mass, inertia, bodies, system, stage)
     if select:
         select_features(model, bodies, contacts)
-    build_rows(model, friction, restitution, bodies, contacts, system, sweep, solver.first, stage)
+    build_rows(model, friction, restitution, bodies, contacts, sweep, solver.first, stage)
     if system.num_rows > 0:
         build_joints(model, bodies, system)
 
@@ -167,9 +167,13 @@ def step_world(
 ):
     """Advances one world in place by bodies.time_step, or less, which is there then; or takes an impact.
 
-    An impact that is carried is one of the contacts of the part before, which it ended.
-
-    The impulses of pairs are added to given (num_pairs, 3), unless that is empty.
+    Args:
+        impact: Flag: velocities change at once, and no time goes by.
+        carried: Flag: the impact is one of the contacts of the part before, which it ended.
+        may_stop: Flag: the step may end at a time of impact.
+        may_strike: Flag: it may ask for an impact before it.
+        may_halve: Flag: it may ask for half of its length.
+        given: (num_pairs, 3) N s, gains the impulses of the pairs, unless it is empty.
 
     Returns:
         Iterations; -1 where a number is not finite; HALVE or STRIKE, and nothing has moved.

@@ -16,7 +16,12 @@ from pinwm_drake.physics.kernels.triples import add, cross, dot, multiply, multi
 
 @kernel
 def _length_adjoint(model, inertia, bodies, contacts, system, solver, adjoint, pose, scale):
-    """Gradient of the position stage's length, of poses after it (N, 6) and `scale` of the velocities adjoint.V."""
+    """Gradient with respect to the length of the position stage, 1/s, of what follows from it.
+
+    Args:
+        pose: (N, 6), gradient with respect to the poses after the stage, as [rotation vector; translation].
+        scale: Share that counts of the gradient adjoint.V (N, 6) with respect to the velocities after it.
+    """
     nb, h, y = model.num_bodies, bodies.time_step[0], adjoint.other
     total = 0.0
     for b in range(nb + model.num_kinematic):
@@ -66,9 +71,7 @@ def _add_gap(model, bodies, contacts, solver, sweep, adjoint, end, at, w, bar):
     n, a, b_ = sweep.point[0], sweep.point[1], sweep.point[2]
     contact_from_features(contacts.rows[c], sweep.R[A], sweep.p[A], sweep.R[B], sweep.p[B], n, a, b_)
     adjoint.lever[:] = 0.0
-    geometry_adjoint(
-        model, bodies, contacts, adjoint, c, sweep.R, sweep.p, n, a, b_, adjoint.touch, (0.0, 0.0, 0.0), bar
-    )
+    geometry_adjoint(model, contacts, adjoint, c, sweep.R, sweep.p, n, a, b_, adjoint.touch, (0.0, 0.0, 0.0), bar)
 
 
 @kernel

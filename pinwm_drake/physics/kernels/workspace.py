@@ -73,7 +73,7 @@ class SolverWork(NamedTuple):
     v: np.ndarray  # (C, 3), velocity J x + bias of each contact in its frame, m/s
     lam: np.ndarray  # (C, 3), impulse of each contact in its frame, N s
     mode: np.ndarray  # (C,), see `cone.py`
-    first: np.ndarray  # (C,), modes of the position stage
+    first: np.ndarray  # (C,), modes of the stage before the velocity stage
     u: np.ndarray  # (6 nb,), velocities of the position stage
     hit: np.ndarray  # (1,), contact whose time of impact ends the step, or -1
     slip: np.ndarray  # (C, 3), direction of friction, and what it resists across that direction
@@ -116,7 +116,6 @@ class AdjointWork(NamedTuple):
     field: np.ndarray  # (N, 6), velocities whose contact velocities are the adjoint of the contacts' impulses
     pull: np.ndarray  # (N, 6), with respect to velocities before the step, through the share of bounces
     other: np.ndarray  # (n,), scratch: derivative of the bodies' gain of energy, pulled through the step's equations
-    energy: np.ndarray  # (1,), adjoint z of that gain; see `adjoint._share_adjoint`
     middle: np.ndarray  # (N, 6), with respect to poses after half of a step, as pose
     touch: np.ndarray  # (N, 6), derivative of the gap whose time of impact ends the step, as pose
     length: np.ndarray  # (1,), with respect to the length of the velocity stage
@@ -144,7 +143,6 @@ def make_adjoint_work(model):
         np.zeros((nb + 2, 6)),
         np.zeros((nb + 2, 6)),
         np.zeros(6 * nb + nr),
-        np.zeros(1),
         np.zeros((nb + 2, 6)),
         np.zeros((nb + 2, 6)),
         np.zeros(1),

@@ -73,7 +73,7 @@ def _explained(film: PusherFilm, path: Path, guess: Guess, around: float, span: 
     near = guess.offset + _NEAR if guess.motion > _ALIVE else _NEAR[:0]
     cuts = [cut for one in near if (cut := find_cut(film, float(one))) and cut[3] >= _BOTH and cut[2] >= _CLEAR]
     if cuts:
-        return _cut(path, *max(cuts, key=lambda cut: cut[2]))
+        return _cut(path, *max(cuts, key=lambda cut: cut[2])[:2])
     found = f"the log of another run: its motion agrees by {guess.still:.2f} within {span:g} s"
     allowed = f"{_STILL:g} or more; check --log, the columns' axes and the camera's pose"
     return InputError(path, value=found, allowed=allowed)
@@ -114,7 +114,7 @@ def find_cut(film: PusherFilm, offset: float) -> tuple[float, float, float, floa
     return float(some.t[place + 1]), float(offsets[second] - offsets[first]), gain, correlation
 
 
-def _cut(path: Path, time: float, jump: float, *_: float) -> InputError:
+def _cut(path: Path, time: float, jump: float) -> InputError:
     found = f"a film that is cut near {time:.2f} s: {jump:.2f} s are missing"
     return InputError(path, value=found, allowed="a film in one piece, or with stamps that tell the gap")
 
@@ -124,7 +124,7 @@ def _cut_or_rate(film: PusherFilm, path: Path, offset: float, cut: tuple[float, 
     rate, residual = find_rate(film, offset)
     if abs(rate - 1) > _FASTEST and residual < find_jump(film, offset)[2]:
         return _wrong_rate(path, film, rate)
-    return _cut(path, *cut)
+    return _cut(path, *cut[:2])
 
 
 def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> Guess | None:

@@ -152,8 +152,9 @@ def test_a_training_is_for_its_station_and_other_ones_are_refused(tmp_path):
     assert home.scenario.camera == worlds.setup.scenario.camera
     with pytest.raises(InputError, match=r"allowed: .*other"):
         home_scene(spec, {"home": scene_record("push_t", None, make(tmp_path, "other.yaml", name="other").path)}, "p")
-    with pytest.raises(ParameterError, match="--image-size"):
-        TrainRequest("push_t", tmp_path, image_size=32, station=station.path)
+    for name, value in (("image_size", 32), ("as_filmed", True)):
+        with pytest.raises(ParameterError, match=f"--{name.replace('_', '-')}"):
+            TrainRequest("push_t", tmp_path, station=station.path, **{name: value})
     bundle = read_bundle("push_t")
     Runner(bundle)
     placed = dataclasses.replace(bundle, spec=dataclasses.replace(bundle.spec, station=station.sha256))
