@@ -67,7 +67,7 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
 
 def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Write the scene of the lab to `capture.yaml`."""
-    return _told(write_scene(lab))
+    return write_scene(lab)
 
 
 def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -83,7 +83,7 @@ def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     notes = found.words()
     if put_in_place(new, lab.mesh, aside):
         notes.append(f"doubtful: the mesh that was there was edited or brought: it is now {aside}")
-    notes += _told(write_mesh_error(lab.capture, found.kind))
+    notes += write_mesh_error(lab.capture, found.kind)
     progress("mesh", 1.0, notes[0])
     if found.kind == "file":
         notes += _few(mask_capture(lab.capture, pushes=False, progress=progress).words())
@@ -94,9 +94,9 @@ def run_pose(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     """Find the pose at the start."""
     progress("pose at the start", 0.0, "")
     found = start_pose(lab.capture)
-    kept = write_pose(lab.capture, found.X_WO)
+    doubts = write_pose(lab.capture, found.X_WO)
     progress("pose at the start", 1.0, "")
-    return found.words() + _told(kept)
+    return found.words() + doubts
 
 
 def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -227,10 +227,6 @@ def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )
     return [f"trained: {policy.provenance.get('created', '')}"]
-
-
-def _told(kept: bool) -> list[str]:
-    return [] if kept else ["doubtful: comments of capture.yaml are gone"]
 
 
 def _few(lines: list[str]) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.masking import Masked
+from pinwm_drake.experiments.masking import Masked, hand_made_masks
 from pinwm_drake.guide import runs
 from pinwm_drake.guide.keep import put_in_place
 from pinwm_drake.guide.lab import LabFolder
@@ -91,6 +91,17 @@ def test_what_belongs_to_other_images_stays_beside(lab, push):
     assert (kept / "masks/00003.png").read_bytes() == painted
     assert not (episode / "masks/00003.png").exists()
     assert (kept / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("content", ["[]", "null", '{"object.obj": 1}'])
+def test_a_damaged_record_is_refused_by_its_name(tmp_path, content):
+    (tmp_path / "masks").mkdir()
+    for name in ("masks/made.json", ".made.json"):
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=r"masks/made\.json"):
+        hand_made_masks(tmp_path)
+    with pytest.raises(InputError, match=r"\.made\.json"):
+        put_in_place(tmp_path / "new.obj", tmp_path / "object.obj", tmp_path / "aside.obj")
 
 
 def test_a_mesh_that_a_person_edited_goes_aside(tmp_path):
