@@ -2,6 +2,8 @@
 """Values of a YAML file that are changed in its text, so that comments and order stay."""
 
 import os
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,7 +18,7 @@ from pinwm_drake.reading.contents import read_text
 from pinwm_drake.reading.trees import MOST_YAML, parse_yaml
 
 
-def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
+def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> list[str]:
     """Put values into a YAML file, by their keys from the outermost on.
 
     The text is changed and read again. Where that gives something else, as with anchors, the file is written anew.
@@ -26,7 +28,7 @@ def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
         values: Plain values; a mapping takes the place of what is there.
 
     Returns:
-        Flag: the comments are still there.
+        A line that begins with "doubtful: " where comments are gone, or else none.
 
     Raises:
         InputError: The file cannot be read or written, or an entry with keys below it is no mapping.
@@ -43,7 +45,18 @@ def amend(path: Path, values: Mapping[tuple[str, ...], Any]) -> bool:
         changed = yaml_text(wanted)
     with replacing(path) as temporary:
         temporary.write_text(changed, encoding="utf-8")
-    return changed.count("#") >= text.count("#")
+    return [f"doubtful: comments of {path.name} are gone"] if _comments(text) - _comments(changed) else []
+
+
+def _comments(text: str) -> Counter[str]:
+    """Comments of a YAML text: they are between its tokens, or in the first line of a block of text."""
+    found, end = list[str](), 0
+    for token in yaml.scan(text, Loader=yaml.SafeLoader):
+        found += re.findall("#.*", text[end : token.start_mark.index])
+        end = max(end, token.end_mark.index)
+        if isinstance(token, yaml.ScalarToken) and token.style in ("|", ">"):
+            found += re.findall("#.*", text[token.start_mark.index : end].partition("\n")[0])
+    return Counter(found)
 
 
 def _mapping(entry: Entry) -> dict[Any, Any]:

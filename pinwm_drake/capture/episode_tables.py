@@ -81,6 +81,8 @@ def read_table(
     optional: tuple[str, ...] = (),
     refuse: Refuse = raise_it,
     forms: tuple[tuple[str, ...], ...] = (),
+    *,
+    gaps: bool = False,
 ) -> Table:
     """Read a CSV file with a header, one row or more, and its columns in any order.
 
@@ -90,6 +92,7 @@ def read_table(
         optional: Columns that it may have besides, all of them or none.
         forms: Columns that it may have in place of `columns`.
         refuse: Receives the problems of the table's rows and cells.
+        gaps: Flag: there may be rows without contents, which are left out.
 
     Raises:
         InputError: The file cannot be read, has other columns, or no rows; the message names the line.
@@ -100,6 +103,8 @@ def read_table(
     header = [name.strip() for name in names]
     while rows and not rows[-1][1]:
         rows.pop()  # empty lines at the end
+    if gaps:
+        rows = [(line, cells) for line, cells in rows if any(cell.strip() for cell in cells)]
     if sorted(header) not in map(sorted, (columns, (*columns, *optional), *forms)):
         raise InputError(path, row=1, value=quote(",".join(header)), allowed=allowed)
     if not rows:

@@ -243,15 +243,12 @@ class _Record:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._record = folder / "masks" / RECORD
-        self._made: dict[str, str] = {}
-        if self._record.is_file():
-            entry = read_json(self._record)
-            self._made = {key: entry[key].text() for key in entry.value} if isinstance(entry.value, dict) else {}
+        self._made = read_made(self._record)
 
     def has(self, path: Path) -> bool:
         """Flag: a mask is as `pinwm mask` made it."""
         made = self._made.get(self._name(path))
-        return made is not None and made == _hash(read_bytes(path))
+        return made is not None and made == sha256_of(path)
 
     def write(self, masks: Sequence[tuple[Path, np.ndarray]]) -> None:
         """Write masks (H, W) bool of images, and the record of them."""
@@ -261,15 +258,35 @@ class _Record:
             content = cv2.imencode(".png", 255 * mask.astype(np.uint8))[1].tobytes()
             with replacing(path) as temporary:
                 temporary.write_bytes(content)
-            self._made[self._name(path)] = _hash(content)
+            self._made[self._name(path)] = hashlib.sha256(content).hexdigest()
         if masks:
-            with replacing(self._record) as temporary:
-                temporary.write_text(json.dumps(self._made, indent=1) + "\n", encoding="utf-8")
+            write_made(self._record, self._made)
 
     def _name(self, path: Path) -> str:
         masks = self._folder / "masks"
         return (path.relative_to(masks) if path.is_relative_to(masks) else path).as_posix()
 
 
-def _hash(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def read_made(path: Path) -> dict[str, str]:
+    """SHA-256 of files by their names, as a program recorded them; none without a record.
+
+    Raises:
+        InputError: The file is no record.
+    """
+    if not path.is_file():
+        return {}
+    entry = read_json(path)
+    if not isinstance(entry.value, dict):
+        raise entry.refusal("SHA-256 by the names of files; without this record all of them count as a person's")
+    return {key: entry[key].text() for key in entry.value}
+
+
+def write_made(path: Path, made: dict[str, str]) -> None:
+    """Write a record that `read_made` reads."""
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of the contents of a file."""
+    return hashlib.sha256(read_bytes(path)).hexdigest()

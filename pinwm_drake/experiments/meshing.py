@@ -113,29 +113,32 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
     return Meshed(out, mesh, kind, done, pose, doubts)
 
 
-def write_mesh_error(folder: Path, kind: str) -> bool:
+def write_mesh_error(folder: Path, kind: str) -> list[str]:
     """Write to `capture.yaml` how far the sides of a hull are off; take that away for a mesh of another kind.
+
+    What a person wrote there stays.
 
     Args:
         folder: The capture; without a `capture.yaml` nothing is written.
         kind: Kind of its mesh, as `Meshed` has it.
 
     Returns:
-        Flag: the comments of the file are still there.
+        Lines of doubt, which begin with "doubtful: ".
 
     Raises:
         InputError: The file is refused.
     """
     path = folder / CAPTURE_FILE
     if not is_file(path):
-        return True
+        return []
     about = read_yaml(path).find("object")
-    before = None if about is None or about.value is None else about.find("mesh_error")
-    if kind == "hull":
+    entry = None if about is None or about.value is None else about.find("mesh_error")
+    before = None if entry is None else entry.value
+    if kind != "hull":
+        return amend(path, {("object", "mesh_error"): 0.0}) if before == HULL_ERROR else []
+    if before in (None, 0, HULL_ERROR):
         return amend(path, {("object", "mesh_error"): HULL_ERROR})
-    if before is not None and before.value == HULL_ERROR:
-        return amend(path, {("object", "mesh_error"): 0.0})
-    return True
+    return [f"doubtful: {path.name} keeps object.mesh_error = {before}; sides of a hull are off by {HULL_ERROR} m"]
 
 
 def read_depths(static: Path, shots: Sequence[Shot]) -> list[np.ndarray] | None:

@@ -92,18 +92,18 @@ def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = No
     outlines = Outlines.of([shots[k] for k in rows], [known[k] for k in rows])
     if not outlines.shots:
         raise InputError(folder / "static", value="no mask of the object", allowed="masks; pinwm mask makes them")
-    place, row = seen_at(outlines, capture.floor_height + 0.5 * float(mesh.extents.min())), None
+    height, row = capture.floor_height + 0.5 * float(mesh.extents.min()), None
     if poses is None:
         guess = None if capture.X_WO is None else from_pose(capture.X_WO)
         found = find_start_pose(outlines, mesh, capture.floor_height, guess)
         assert found is not None
     else:
-        found, row = _of_table(outlines, mesh, poses, place)
+        found, row = _of_table(outlines, mesh, poses, seen_at(outlines, height))
     if found.differing > MISSES:
         middle = _middle(mesh, found.X_WO)
         x, y, z = 1e3 * middle
         name, share = worst_view(outlines, mesh, found.X_WO)
-        away = 1e3 * float(np.linalg.norm(middle - place))
+        away = 1e3 * float(np.linalg.norm(middle - seen_at(outlines, height)))
         where = f"at ({x:.0f}, {y:.0f}, {z:.0f}) mm, {away:.0f} mm from the masks' place"
         differ = f"outlines differ by {found.differing:.0%} of the object, in {name} by {share:.0%}"
         allowed = f"{MISSES:.0%}; check unit, frame, mesh and masks"
@@ -111,11 +111,11 @@ def start_pose(folder: Path, *, poses: Path | None = None, view: str | None = No
     return Start(found, len(outlines.shots), capture.X_WO)
 
 
-def write_pose(folder: Path, X_WO: Pose) -> bool:
+def write_pose(folder: Path, X_WO: Pose) -> list[str]:
     """Write the pose of the object to `capture.yaml`, whose other keys stay.
 
     Returns:
-        Flag: its comments are still there.
+        Lines of doubt, as `amend` has them.
 
     Raises:
         InputError: The file is missing, holds no mapping, or cannot be written.

@@ -1,17 +1,13 @@
 # SPDX-License-Identifier: MIT
 """What a person made in an episode or mesh that is made anew: masks, starts, poses, files that were edited."""
 
-import hashlib
-import json
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
 from pinwm_drake.capture.episode_tables import FRAMES_FILE, TRAJECTORY_FILE
-from pinwm_drake.documents import read_json
-from pinwm_drake.experiments.masking import RECORD
-from pinwm_drake.files import prepare_folder, replacing
-from pinwm_drake.reading.contents import read_bytes
+from pinwm_drake.experiments.masking import RECORD, read_made, sha256_of, write_made
+from pinwm_drake.files import prepare_folder
 
 MADE = ".made.json"  # in the folder of an episode or mesh: SHA-256 of each file as `pinwm lab` wrote it
 _MASKS = "masks"
@@ -30,9 +26,9 @@ def keep(before: Path, now: Path) -> list[str]:
     Returns:
         Names of files that have no place in the new folder.
     """
-    new, old, made = _hashes(now), _hashes(before), _recorded(before / MADE)
-    _record(now / MADE, new)
-    masked = {f"{_MASKS}/{name}": sha for name, sha in _recorded(before / _MASKS / RECORD).items()}
+    new, old, made = _hashes(now), _hashes(before), read_made(before / MADE)
+    write_made(now / MADE, new)
+    masked = {f"{_MASKS}/{name}": sha for name, sha in read_made(before / _MASKS / RECORD).items()}
     left = []
     for name, sha in old.items():
         if name == f"{_MASKS}/{RECORD}" or sha in (made.get(name), masked.get(name), new.get(name)):
@@ -57,13 +53,13 @@ def put_in_place(new: Path, path: Path, aside: Path) -> bool:
     Returns:
         Flag: there was such a file.
     """
-    made, sha = _recorded(path.parent / MADE), _hash(new)
-    kept = path.is_file() and _hash(path) not in (sha, made.get(path.name))
+    made, sha = read_made(path.parent / MADE), sha256_of(new)
+    kept = path.is_file() and sha256_of(path) not in (sha, made.get(path.name))
     if kept:
         prepare_folder(aside.parent)
         path.replace(aside)
     new.replace(path)
-    _record(path.parent / MADE, {**made, path.name: sha})
+    write_made(path.parent / MADE, {**made, path.name: sha})
     return kept
 
 
@@ -81,21 +77,4 @@ def _hashes(folder: Path) -> dict[str, str]:
     """SHA-256 of the files below a folder, but for hidden ones, by their names; none where there is no folder."""
     names = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*")) if path.is_file()]
     shown = [name for name in names if not any(part.startswith(".") for part in name.split("/"))]
-    return {name: _hash(folder / name) for name in shown}
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path)).hexdigest()
-
-
-def _record(path: Path, made: dict[str, str]) -> None:
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(made, indent=1) + "\n", encoding="utf-8")
-
-
-def _recorded(path: Path) -> dict[str, str]:
-    """SHA-256 of files by their names, as a program recorded them; none without a record."""
-    if not path.is_file():
-        return {}
-    entry = read_json(path)
-    return {key: entry[key].text() for key in entry.value} if isinstance(entry.value, dict) else {}
+    return {name: sha256_of(folder / name) for name in shown}

@@ -132,11 +132,11 @@ class LabFolder:
         return document
 
 
-def write_scene(lab: LabFolder) -> bool:
+def write_scene(lab: LabFolder) -> list[str]:
     """Write what is known of object, pusher, table and station to `capture.yaml`; other keys stay.
 
     Returns:
-        Flag: the comments of the file are still there.
+        Lines of doubt, as `amend` has them.
 
     Raises:
         InputError: A file is refused, or there is no pusher.

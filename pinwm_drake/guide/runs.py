@@ -67,7 +67,7 @@ def run_photos(lab: LabFolder, progress: Progress, resume: bool = False) -> list
 
 def run_scene(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Write the scene of the lab to `capture.yaml`."""
-    return _told(write_scene(lab))
+    return write_scene(lab)
 
 
 def run_masks(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -80,10 +80,10 @@ def run_mesh(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     progress("mesh", 0.0, "")
     new, aside = lab.mesh.with_name(f".{lab.mesh.name}"), _free(lab.capture / REPLACED / lab.mesh.name)
     found = make_mesh(lab.capture, source=lab.cad, out=new, replace=True)
-    notes = found.words()
+    notes = _few(found.words())
     if put_in_place(new, lab.mesh, aside):
         notes.append(f"doubtful: the mesh that was there was edited or brought: it is now {aside}")
-    notes += _told(write_mesh_error(lab.capture, found.kind))
+    notes += write_mesh_error(lab.capture, found.kind)
     progress("mesh", 1.0, notes[0])
     if found.kind == "file":
         notes += _few(mask_capture(lab.capture, pushes=False, progress=progress).words())
@@ -94,9 +94,9 @@ def run_pose(lab: LabFolder, progress: Progress, resume: bool = False) -> list[s
     """Find the pose at the start."""
     progress("pose at the start", 0.0, "")
     found = start_pose(lab.capture)
-    kept = write_pose(lab.capture, found.X_WO)
+    doubts = write_pose(lab.capture, found.X_WO)
     progress("pose at the start", 1.0, "")
-    return found.words() + _told(kept)
+    return found.words() + doubts
 
 
 def run_appearance(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
@@ -129,19 +129,29 @@ def run_push(push: Path, lab: LabFolder, progress: Progress, resume: bool = Fals
     clock = added.clock
     low, high = (1e3 * (end - clock.offset) for end in clock.interval)
     notes = [f"{added.images} images; clock {clock.offset:+.4f} s, {low:+.1f} to {high:+.1f} ms (95 %)", *clock.notes]
+    doubts = _earlier(aside, left)
     if not added.masked:
         progress("masks of the push", 0.0, push.name)
         masked = mask_push(lab.capture, push.name)
         progress("masks of the push", 1.0, f"{masked.written} masks")
         notes += _few(masked.words())
+    return notes + doubts
+
+
+def _earlier(aside: Path, left: list[str]) -> list[str]:
+    """Words on the earlier episodes of a push that are set aside; the last one is removed where no file was left."""
+    doubts = []
     if left:
-        others = f" and {len(left) - 1} more files" if len(left) > 1 else ""
-        notes.append(f"doubtful: {left[0]}{others} belonged to other images: the earlier episode is now {aside}")
+        more = f" and {len(left) - 1} more files" if len(left) > 1 else ""
+        doubts.append(f"doubtful: {left[0]}{more} belonged to other images: the earlier episode is now {aside}")
     else:
         shutil.rmtree(aside, ignore_errors=True)
         with suppress(OSError):  # others are in it, or it was never made
             aside.parent.rmdir()
-    return notes
+    name = aside.stem.rpartition("-")[0]
+    others = [one for one in sorted(aside.parent.glob("*-*")) if one != aside and one.suffix == aside.suffix]
+    still = [one for one in others if one.stem.rpartition("-")[0] == name]
+    return doubts + [f"doubtful: an earlier episode of the push is still in {one}" for one in still]
 
 
 def _free(path: Path) -> Path:
@@ -219,7 +229,7 @@ def is_good_enough(lab: LabFolder) -> bool:
     return said is not None and said.value is True
 
 
-def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+def run_policy(lab: LabFolder, progress: Progress, _: bool = False) -> list[str]:
     """Train a policy in copies of the twin, for the station's camera; an interrupted training goes on."""
     resume, station = training.can_go_on(lab.policy), lab.station if lab.station.is_file() else None
     request = TrainRequest(scene=str(lab.twin), out=lab.policy, station=station, resume=resume)
@@ -227,10 +237,6 @@ def run_policy(lab: LabFolder, progress: Progress, resume: bool = False) -> list
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )
     return [f"trained: {policy.provenance.get('created', '')}"]
-
-
-def _told(kept: bool) -> list[str]:
-    return [] if kept else ["doubtful: comments of capture.yaml are gone"]
 
 
 def _few(lines: list[str]) -> list[str]:

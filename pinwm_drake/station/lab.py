@@ -254,7 +254,7 @@ def read_poses(path: Path, length: str, angle: str | None) -> dict[str, np.ndarr
     require_file(path, "the robot's poses; see docs/how-to/calibrate-a-station.md")
     columns = ("file", *_PLACE)
     first, *forms = ((*columns, *kind) for kind in (QUATERNION, _VECTOR, _ANGLES))
-    table = read_table(path, first, forms=tuple(forms))
+    table = read_table(path, first, forms=tuple(forms), gaps=True)
     if QUATERNION[0] in table.cells:
         turns = Rotation.from_quat(table.quaternions(_UNIT_NORM), scalar_first=True)
     elif angle is None:

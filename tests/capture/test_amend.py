@@ -51,7 +51,7 @@ def test_a_value_is_put_in_and_comments_stay(tmp_path, text):
     path = tmp_path / "a.yaml"
     before = yaml.safe_load(text) or {}
     for _ in range(2):
-        assert put(path, text)
+        assert put(path, text) == []
         after = yaml.safe_load(path.read_text())
         assert after == {**before, "object": {**(before.get("object") or {}), "X_WO": POSE}}
         comments = [line.partition("#")[2] for line in text.splitlines() if "#" in line]
@@ -59,14 +59,30 @@ def test_a_value_is_put_in_and_comments_stay(tmp_path, text):
         text = path.read_text()
 
 
-@pytest.mark.parametrize("text", ["&b\nobject: &c {name: a}\nother: *c # bad\n", "object:\n  X_WO: # lost\n    p: 1\n"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "&b\nobject: &c {name: a}\nother: *c # bad\n",
+        "&b\nobject: &c {name: 'a # b'}\nother: *c # bad\n",
+        "object:\n  X_WO: # lost\n    p: 1\n",
+        "object:\n  X_WO: | # lost\n    p\n",
+    ],
+)
 def test_comments_that_go_are_told(tmp_path, text):
-    assert not put(tmp_path / "a.yaml", text)
+    assert put(tmp_path / "a.yaml", text) == ["doubtful: comments of a.yaml are gone"]
     assert yaml.safe_load((tmp_path / "a.yaml").read_text())["object"]["X_WO"] == POSE
 
 
+@pytest.mark.parametrize("name", ["'a # b'", "a#b"])
+def test_a_hash_within_a_text_is_no_comment(tmp_path, name):
+    path = tmp_path / "a.yaml"
+    path.write_text(f"object:\n  name: {name}\n  mesh: b # mine\n")
+    assert amend(path, {("object", "name"): "c"}) == []
+    assert path.read_text() == "object:\n  name: c\n  mesh: b # mine\n"
+
+
 def test_a_file_is_made_and_no_mapping_is_refused(tmp_path):
-    assert amend(tmp_path / "a.yaml", {("b",): 1, ("object", "X_WO"): POSE})
+    assert not amend(tmp_path / "a.yaml", {("b",): 1, ("object", "X_WO"): POSE})
     assert yaml.safe_load((tmp_path / "a.yaml").read_text()) == {"b": 1, "object": {"X_WO": POSE}}
     for text in ("- 1", "object: 3"):
         with pytest.raises(InputError, match="a mapping with keys"):

@@ -78,10 +78,12 @@ def test_a_rate_replaces_the_stamps(tmp_path):
     np.testing.assert_allclose(film.t, np.arange(12) / 10)
 
 
-@pytest.mark.parametrize("content", [b"", b"not a video" * 100])
-def test_what_is_no_video_is_refused(tmp_path, content):
+@pytest.mark.parametrize(
+    ("content", "words"), [(b"", "no contents"), (b"not a video" * 100, "got contents that are no video")]
+)
+def test_what_is_no_video_is_refused(tmp_path, content, words):
     (tmp_path / "push.mp4").write_bytes(content)
-    with pytest.raises(InputError, match=r"push\.mp4: (no contents|got contents that are no video)"):
+    with pytest.raises(InputError, match=rf"push\.mp4: {words}"):
         read_video(tmp_path / "push.mp4")
 
 

@@ -7,13 +7,15 @@ import json
 import cv2
 import numpy as np
 import pytest
+import trimesh
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.experiments.masking import Masked
+from pinwm_drake.experiments.masking import Masked, hand_made_masks
+from pinwm_drake.experiments.meshing import Meshed
 from pinwm_drake.guide import runs
 from pinwm_drake.guide.keep import put_in_place
 from pinwm_drake.guide.lab import LabFolder
-from pinwm_drake.guide.runs import REPLACED, run_push
+from pinwm_drake.guide.runs import REPLACED, run_mesh, run_push
 from pinwm_drake.station.episode import Sources, add_episode
 from tests.station.drawn_push import draw_push, write_csv_log, write_drawn_capture, write_mp4
 
@@ -91,6 +93,50 @@ def test_what_belongs_to_other_images_stays_beside(lab, push):
     assert (kept / "masks/00003.png").read_bytes() == painted
     assert not (episode / "masks/00003.png").exists()
     assert (kept / "notes.txt").read_text() == "mine"
+
+
+def test_an_earlier_episode_is_told_after_masks_that_were_refused(lab, push, monkeypatch):
+    def refuse(*_) -> Masked:
+        raise InputError("mesh", value="none", allowed="one")
+
+    painted, kept = paint(lab), lab.capture / REPLACED / "0000-1"
+    monkeypatch.setattr(runs, "mask_push", refuse)
+    with pytest.raises(InputError, match="mesh: got none"):
+        again(lab)
+    assert not kept.exists()  # all of it was taken over
+    write_mp4(lab.path / "pushes/0000/film.mp4", push.frames[::-1][:40][::-1])
+    with pytest.raises(InputError, match="mesh: got none"):
+        again(lab)
+    monkeypatch.setattr(runs, "mask_push", lambda *_: Masked(0, 0, []))
+    for _ in range(2):
+        assert again(lab)[-1] == f"doubtful: an earlier episode of the push is still in {kept}"
+        assert [path.name for path in kept.parent.iterdir()] == ["0000-1"]
+    assert (kept / "masks/00003.png").read_bytes() == painted
+
+
+@pytest.mark.parametrize("content", ["[]", "null", '{"object.obj": 1}'])
+def test_a_damaged_record_is_refused_by_its_name(tmp_path, content):
+    (tmp_path / "masks").mkdir()
+    for name in ("masks/made.json", ".made.json"):
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=r"masks/made\.json"):
+        hand_made_masks(tmp_path)
+    with pytest.raises(InputError, match=r"\.made\.json"):
+        put_in_place(tmp_path / "new.obj", tmp_path / "object.obj", tmp_path / "aside.obj")
+
+
+def test_few_of_the_doubts_of_a_mesh_are_told(tmp_path, monkeypatch):
+    lab, doubts = LabFolder(tmp_path), [f"a piece {k}" for k in range(9)]
+
+    def make(folder, *, source, out, replace) -> Meshed:
+        out.parent.mkdir(parents=True)
+        out.write_text("made")
+        return Meshed(out, trimesh.creation.box(), "hull", [], None, doubts)
+
+    monkeypatch.setattr(runs, "make_mesh", make)
+    notes = run_mesh(lab, lambda *_: None)
+    assert len(notes) == 7
+    assert notes[-1] == "doubtful: 4 more lines"
 
 
 def test_a_mesh_that_a_person_edited_goes_aside(tmp_path):

@@ -72,6 +72,15 @@ def test_wrong_labs_are_refused_by_file_and_row(folder, file, old, new, part):
     assert part in str(caught.value)
 
 
+def test_rows_without_contents_are_left_out_and_counted(folder):
+    path = folder / "robot.csv"
+    path.write_text(CSV.replace("robot/b", "\n , ,,,,,\nrobot/b"))
+    assert list(read_poses(path, "mm", "deg")) == ["robot/a.jpg", "robot/b.jpg"]
+    path.write_text(path.read_text().replace("150", "x"))
+    with pytest.raises(InputError, match="row 5: got x = x"):
+        read_poses(path, "mm", "deg")
+
+
 def test_a_wrong_quaternion_is_refused_by_its_row(folder):
     (folder / "robot.csv").write_text("file,x,y,z,qw,qx,qy,qz\na,0,0,0,1,0,0,0\nb,100,0,0,0.9,0,0,0\n")
     with pytest.raises(InputError, match=r"row 3: got qw, qx, qy, qz = .* of norm 0\.9"):

@@ -15,6 +15,6 @@ def mesh(request: MeshRequest) -> None:
     found = make_mesh(request.folder, source=request.source, out=request.out, replace=request.replace)
     for line in found.words():
         say(line, style="yellow" if line.startswith("doubtful") else None)
-    if request.out is None and not write_mesh_error(request.folder, found.kind):
-        say("comments of capture.yaml are gone", style="yellow")
+    for line in write_mesh_error(request.folder, found.kind) if request.out is None else []:
+        say(line, style="yellow")
     say(f"wrote {found.path}; then: pinwm pose {request.folder}")

@@ -20,7 +20,7 @@ def pose(request: PoseRequest) -> None:
     for line in found.words():
         say(line, style="yellow" if line.startswith("doubtful") else None)
     if request.write:
-        kept = write_pose(request.folder, X_WO)
+        for line in write_pose(request.folder, X_WO):
+            say(line, style="yellow")
         instead = "" if found.before is None else ", in place of the one that was there"
-        lost = "" if kept else "; comments of the file are gone"
-        say(f"wrote object.X_WO to {request.folder / 'capture.yaml'}{instead}{lost}")
+        say(f"wrote object.X_WO to {request.folder / 'capture.yaml'}{instead}")

@@ -50,7 +50,8 @@ def read_repaired(path: Path, extent: float | None = None) -> tuple[trimesh.Trim
         mesh, more = _closed(mesh)
         made = as_manifold(mesh)
     if made is None or made.volume() <= 0:
-        found = f"a surface that is open at {_open_edges(mesh)} edges, or crosses itself"
+        is_open = f"is open at {edges} edges" if (edges := _open_edges(mesh)) else "holds no volume"
+        found = f"a surface that {is_open}, or crosses itself"
         raise InputError(path, value=found, allowed=_ALLOWED)
     few = simplified(made)
     if few.num_tri() < made.num_tri():
