@@ -236,7 +236,7 @@ def run_policy(lab: LabFolder, progress: Progress, _: bool = False) -> list[str]
     policy = training.train(
         request, report=lambda step: progress(step.stage, step.done, f"{step.steps:,} steps, best {step.best:.0%}")
     )
-    return [f"trained: {policy.provenance.get('created', '')}"]
+    return [f"trained: {policy.provenance.get('time', '')}"]
 
 
 def _few(lines: list[str]) -> list[str]:
