@@ -40,8 +40,8 @@ def _described(bundle: "Bundle", folder: Path) -> list[str]:
 
     golden, limits, task = bundle.provenance["golden"], bundle.limits, bundle.spec.task
     acting = bundle.toward([0.0] * task.goal_size) if task.goal_size else bundle
-    image, axes = np.full(bundle.spec.image_shape, 255, np.uint8), task.axis_indices
-    p_WP = 0.5 * np.add(limits.box_low, limits.box_high)[axes]
+    image = np.full(bundle.spec.image_shape, 255, np.uint8)
+    p_WP = bundle.spec.pusher_metres(np.zeros(bundle.spec.pusher_size))
     seconds = []
     for _ in range(_CALLS):
         start = time.perf_counter()

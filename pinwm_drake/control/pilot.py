@@ -35,7 +35,8 @@ class Acting(Protocol):
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
-            p_WP: (n,) m, world: position of the pusher along the task's axes when the last image was taken.
+            p_WP: (spec.pusher_size,) m, world: position of the pusher along the task's axes when the last image was
+                taken; with a history what `PolicySpec.pusher_seen` lists after it.
         """
 
 
@@ -94,6 +95,8 @@ class Memory:
         images: Last k images (height, width, 3) uint8, one an action, the oldest first.
         image_time: s, when the last of them was taken.
         sight: Record of the last image that was looked at; None before the first.
+        past: Positions (n,) m before the last actions and translations (n,) m that were asked for, world, the newest
+            first, at most `history` of them; none before the first action since it was armed.
         raw_action: (n,) m, world: the policy's translation; empty where there is none.
         state: The policy's estimate of its task's state; empty where it tells none.
         near: Number of actions in a row with the object at the goal by the estimate.
@@ -107,6 +110,7 @@ class Memory:
     images: tuple[np.ndarray, ...] = ()
     image_time: float = -np.inf
     sight: Sight | None = None
+    past: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     raw_action: tuple[float, ...] = ()
     state: tuple[float, ...] = ()
     near: int = 0
@@ -149,7 +153,7 @@ class Pilot:
     def arm(self, memory: Memory, time: float) -> Memory:
         """Let the policy move the pusher from the next action on; raises StateError where it has to be reset first."""
         safety = self._filter.arm(memory.safety)
-        begun = memory if memory.safety.mode == "running" else replace(memory, near=0, moves=0)
+        begun = memory if memory.safety.mode == "running" else replace(memory, near=0, moves=0, past=())
         return _with(begun, safety, time=time)
 
     def disarm(self, memory: Memory, time: float) -> Memory:
@@ -189,9 +193,9 @@ class Pilot:
         images = (*memory.images, image)[-self.spec.frames :]
         memory = replace(memory, images=images, image_time=inputs.image_time)
         stack = np.concatenate([images[0]] * (self.spec.frames - len(images)) + list(images), axis=2)
-        p_WP = self._pusher_at(memory, inputs.image_time)
+        p_WP = self._pusher_at(memory, inputs.image_time)[self.spec.task.axis_indices]
         try:
-            d_W, memory = self._decide(memory, stack, p_WP[self.spec.task.axis_indices])
+            d_W, memory = self._decide(memory, stack, self._with_past(memory, p_WP))
         except Exception as error:  # whatever it is, a robot is not to go on
             fault = f"policy failed: {type(error).__name__}: {error}"
             return _with(memory, self._filter.watch(memory.safety, fault), limited=False, **told)
@@ -204,8 +208,16 @@ class Pilot:
         if d_W.shape == (self.spec.action_size,):
             memory = replace(memory, raw_action=tuple(d_W.tolist()))
         if safety.mode == "running":
-            memory = replace(memory, moves=memory.moves + 1)
+            past = ((p_WP, d_W), *memory.past)[: self.spec.history]
+            memory = replace(memory, moves=memory.moves + 1, past=past)
         return _with(memory, safety, limited=safety.limited, **told)
+
+    def _with_past(self, memory: Memory, p_WP: np.ndarray) -> np.ndarray:
+        """Position (n,) m with its history, (pusher_size,) m, as `PolicySpec.pusher_seen` has it."""
+        first = memory.past[-1][0] if memory.past else p_WP
+        missing = self.spec.history - len(memory.past)
+        begun = [(first, np.zeros_like(p_WP))] * missing
+        return np.concatenate([p_WP, *(part for pair in (*memory.past, *begun) for part in pair)])
 
     def _decide(self, memory: Memory, stack: np.ndarray, p_WP: np.ndarray) -> tuple[np.ndarray, Memory]:
         step = getattr(self._policy, "step", None)

@@ -8,7 +8,7 @@ what can be: see `theta.py` and `colours.py`.
 import dataclasses
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,7 @@ class Cousin:
     theta: dict[str, float]
     shape: dict[str, float]
     looks: Callable[[], tuple[Tensor, float]]
+    _known: list[tuple[Scene, Parameters]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def _looks(self) -> tuple[Tensor, float]:
@@ -65,8 +66,10 @@ class Cousin:
         return dataclasses.replace(self._physical(), surfels=surfels)
 
     def parameters(self, scene: Scene) -> Parameters:
-        """Parameters theta of the cousin, one world of the twin's scene in any orientation."""
-        return twin_parameters(self._physical(), scene)
+        """Parameters theta of the cousin, one world of the twin's scene in any orientation; the last are kept."""
+        if not self._known or self._known[0][0] is not scene:
+            self._known[:] = [(scene, twin_parameters(self._physical(), scene))]
+        return self._known[0][1]
 
     def _physical(self) -> Twin:
         theta = {key: Estimate(self.theta[key], None, False, one.unit, _NOTE) for key, one in self.of.theta.items()}

@@ -82,8 +82,8 @@ def seen_samples(
         report: Called with the share of the episodes' actions that are made.
 
     Returns:
-        Images (n, height, width, 3 k) uint8, positions of the pusher (n, action_size) m, world frame, along the
-        task's axes, and goals of the episodes (n, goal_size).
+        Images (n, height, width, 3 k) uint8, positions of the pusher (n, pusher_size) m, world frame, along the
+        task's axes, with their history, and goals of the episodes (n, goal_size).
 
     Raises:
         ParameterError: The scene is not one that the policy is made for.
@@ -96,7 +96,7 @@ def seen_samples(
         for step in range(_ACTIONS):
             if step % _EVERY == 0:
                 images.append(observation["image"])
-                p_WP.append(environment.run.p_WP[0, environment.task.axis_indices])
+                p_WP.append(policy.spec.pusher_metres(observation["pusher"]))
                 goals.append(environment.worlds.goal[0])
             action, _ = policy.predict(observation)
             observation, _, terminated, truncated, _ = environment.step(action)

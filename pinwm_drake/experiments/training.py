@@ -70,9 +70,7 @@ def train(
         if request.threads is not None:
             torch.set_num_threads(request.threads)
         begun, worlds = time.monotonic(), worlds_of(request, domains)
-        if (
-            request.method != "state" and not request.resume and not request.history
-        ):  # that asks for one without a bundle
+        if request.method != "state" and not request.resume:
             check_exportable(worlds.spec("rgb"))
         if _searches(request, worlds.setup.task):
             folder = prepare_folder(out / WAYPOINTS)

@@ -86,7 +86,8 @@ class Bundle:
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
-            p_WP: (n,) m, world: position of the pusher along the task's axes when the last image was taken.
+            p_WP: (spec.pusher_size,) m, world: position of the pusher along the task's axes when the last image was
+                taken; with a history what `PolicySpec.pusher_seen` lists after it.
 
         Raises:
             StateError: A shape, or the image's type, is another, or no goal was given where one has to be.
@@ -126,8 +127,7 @@ class Bundle:
             StateError: Their shapes, or the image's type, are others.
         """
         image, pusher = seen_parts(observation, "image", "pusher")
-        low, high = np.array(self.spec.pusher_low), np.array(self.spec.pusher_high)
-        p_WP = 0.5 * (low + high) + 0.5 * (high - low) * pusher
+        p_WP = self.spec.pusher_metres(pusher)
         told = self.network.goal_size and self.goal is None
         goal = seen_parts(observation, "goal")[0] if told else np.zeros((len(np.atleast_2d(p_WP)), 0))
         rows = zip(image.reshape(-1, *image.shape[-3:]), np.atleast_2d(p_WP), np.atleast_2d(goal), strict=True)

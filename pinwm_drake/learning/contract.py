@@ -33,6 +33,12 @@ def make_contract(
     axes = " and ".join(spec.task.axes)
     latency = list(spec.latency) if any(spec.latency) else 0.0
     often: dict[str, Any] = {"rate": 1.0 / spec.horizon, "period": spec.horizon, "latency": latency}
+    past = (
+        f"; then for each of the last {spec.history} actions, the newest first, {axes} of P before it and of the "
+        "translation asked for: at the start the first place and zeros"
+        if spec.history
+        else ""
+    )
     words, units = zip(*spec.task.state_components(), strict=True)
     told = {
         "name": ESTIMATE,
@@ -93,10 +99,10 @@ def make_contract(
             {
                 "name": POSITION,
                 "dtype": "float32",
-                "shape": [spec.action_size],
+                "shape": [spec.pusher_size],
                 "unit": "m",
                 "frame": "W",
-                "meaning": f"{axes} of the pusher's frame P when the last image was taken",
+                "meaning": f"{axes} of the pusher's frame P when the last image was taken{past}",
                 **often,
             },
             *([goal] if spec.task.goal_size else []),

@@ -51,8 +51,8 @@ class InMetres(nn.Module):
     Its estimate of the task's state comes out beside it where that is asked for.
     """
 
-    low: Tensor
-    size: Tensor
+    middle: Tensor
+    reach: Tensor
 
     def __init__(self, spec: PolicySpec, actor: ImageActor, *, estimate: bool = True) -> None:
         """Take a copy of the actor, on the CPU.
@@ -64,25 +64,27 @@ class InMetres(nn.Module):
         """
         super().__init__()
         self.actor = copy.deepcopy(actor).cpu()
-        low, high = torch.tensor(spec.pusher_low), torch.tensor(spec.pusher_high)
-        self.register_buffer("low", low)
-        self.register_buffer("size", high - low)
+        middle = spec.pusher_metres(np.zeros(spec.pusher_size))
+        half = spec.pusher_metres(np.ones(spec.pusher_size)) - middle
+        self.register_buffer("middle", torch.tensor(middle, dtype=torch.float32))
+        self.register_buffer("reach", torch.tensor(half, dtype=torch.float32))
         self.max_translation, self.estimate, self.task = spec.max_translation, estimate, spec.task
         self.eval()
 
     def forward(self, image: Tensor, p_WP: Tensor, goal: Tensor | None = None) -> Tensor | tuple[Tensor, Tensor]:
-        """Return the translation d_W (n,) m for an image (height, width, 3 k) uint8 and a position (n,) m.
+        """Return the translation d_W (n,) m for an image (height, width, 3 k) uint8 and a position (pusher_size,) m.
 
-        The goal (goal_size,) is that of the episode, where the policy is told one.
+        The position goes on with the history, where there is one. The goal (goal_size,) is that of the episode, where
+        the policy is told one.
         """
-        pusher = (2.0 * (p_WP - self.low) / self.size - 1.0).clamp(-1.0, 1.0)
+        pusher = ((p_WP - self.middle) / self.reach).clamp(-1.0, 1.0)
         told = None if goal is None else goal[None]
         state = self.actor.state(image[None], pusher[None], told)
         actions = self.actor.actor(state)
         action: Tensor = (actions if told is None else self.task.world_action(actions, told))[0]
         length = (action * action).sum().sqrt().clamp(min=1.0)
         d_W = self.max_translation * action / length
-        return (d_W, state[0]) if self.estimate else d_W
+        return (d_W, state[0, : self.task.state_size]) if self.estimate else d_W
 
 
 def export_policy(
@@ -99,7 +101,7 @@ def export_policy(
         policy: A policy that observes "rgb".
         folder: Folder of the bundle, new or empty.
         limits: Limits of the pusher's motion that a controller is to keep.
-        samples: Images (n, height, width, 3 k) uint8, positions p_WP (n, action_size) m and, where the policy is told
+        samples: Images (n, height, width, 3 k) uint8, positions p_WP (n, pusher_size) m and, where the policy is told
             them, goals (n, goal_size) of a run of the policy, n of 1 or more. A few that no run has, with positions
             beyond the box, are added.
         estimate: Flag: the network gives its estimate of the state; false where it was not taught the state.
@@ -108,7 +110,7 @@ def export_policy(
         The bundle, as it was read back.
 
     Raises:
-        ParameterError: It does not observe images, or sees a history, or the samples do not fit it.
+        ParameterError: It does not observe images, or the samples do not fit it.
         InputError: The folder holds something or cannot be written to, or the network in ONNX answers otherwise.
     """
     require_exportable(policy)
@@ -141,14 +143,13 @@ def check_exportable(spec: PolicySpec) -> None:
         spec: Specification of a policy that observes "rgb".
 
     Raises:
-        ParameterError: Limits do not follow from the specification, the policy sees a history, or torch cannot write
-            the network in ONNX.
+        ParameterError: Limits do not follow from the specification, or torch cannot write the network in ONNX.
         InputError: The network in ONNX cannot be loaded, is not what a contract of the specification says, or answers
             otherwise.
     """
     policy = Policy(spec, make_actor(spec).eval())
     require_exportable(policy)
-    middle = 0.5 * (np.array(spec.pusher_low) + np.array(spec.pusher_high))
+    middle = spec.pusher_metres(np.zeros(spec.pusher_size))
     goals = np.zeros((1, spec.task.goal_size))
     golden = golden_samples(policy, np.zeros((1, *spec.image_shape), np.uint8), middle[None], goals)
     contract = make_contract(spec, default_limits(spec), golden.mask_pixels())
@@ -161,12 +162,9 @@ def check_exportable(spec: PolicySpec) -> None:
 
 
 def require_exportable(policy: Policy) -> None:
-    """Raise ParameterError where a policy does not observe images, or sees a history, which no controller keeps."""
+    """Raise ParameterError where a policy does not observe images."""
     if policy.spec.observes != "rgb":
         raise ParameterError(f"policy: got one that observes {policy.spec.observes}; allowed: rgb, as bundles do")
-    if policy.spec.history:
-        given = f"one that sees the last {policy.spec.history} actions"
-        raise ParameterError(f"policy: got {given}; allowed: a history of 0, as bundles have")
 
 
 def golden_samples(
@@ -180,7 +178,7 @@ def golden_samples(
     Args:
         policy: A policy that observes "rgb".
         images: (n, height, width, 3 k) uint8, RGB.
-        p_WP: (n, action_size) m, world: positions of the pusher along the axes of the task.
+        p_WP: (n, pusher_size) m, world: positions of the pusher along the axes of the task, with their history.
         goal: (n, goal_size) goals of the episodes; None where they have that of the task.
         estimate: Flag: the policy's estimates of the state are kept too.
 
@@ -192,13 +190,13 @@ def golden_samples(
     if images.dtype != np.uint8 or images.shape[1:] != spec.image_shape or len(images) < 1:
         wanted = f"uint8 (n, {', '.join(map(str, spec.image_shape))}) with n of 1 or more"
         raise ParameterError(f"samples: got images of {images.dtype} {images.shape}; allowed: {wanted}")
-    if p_WP.shape != (shape := (len(images), spec.action_size)) or not np.isfinite(p_WP).all():
+    if p_WP.shape != (shape := (len(images), spec.pusher_size)) or not np.isfinite(p_WP).all():
         raise ParameterError(f"samples: got positions {p_WP.shape}; allowed: {shape} finite numbers, m")
     size = spec.task.goal_size
     goal = np.zeros((len(images), 0)) if goal is None else np.asarray(goal)
     if goal.shape != (len(images), size) or not np.isfinite(goal).all():
         raise ParameterError(f"samples: got goals {goal.shape}; allowed: {(len(images), size)} finite numbers")
-    low, high = np.array(spec.pusher_low, np.float32), np.array(spec.pusher_high, np.float32)
+    low, high = (spec.pusher_metres(np.full(spec.pusher_size, end)).astype(np.float32) for end in (-1.0, 1.0))
     height, width, channels = spec.image_shape
     blocks = np.random.default_rng(0).integers(0, 256, (-(-height // 8), -(-width // 8), channels), np.uint8)
     noise = np.kron(blocks, np.ones((8, 8, 1), np.uint8))[:height, :width]
@@ -207,7 +205,7 @@ def golden_samples(
     images = np.concatenate([images, np.stack([empty, noise, empty, noise])])
     p_WP = np.concatenate([p_WP, np.stack([high, high, beyond, beyond])])
     goal = np.concatenate([goal, np.tile(goal[:1], (4, 1))]).astype(np.float32)
-    pusher = np.clip((p_WP - 0.5 * (low + high)) / (0.5 * (high - low)), -1.0, 1.0)
+    pusher = spec.pusher_seen(p_WP)
     seen = {"image": images, "pusher": pusher.astype(np.float32)} | ({"goal": goal} if size else {})
     action = policy.predict(seen)[0].astype(float)
     if not np.isfinite(action).all():
@@ -222,7 +220,7 @@ def golden_samples(
         raise ParameterError("policy: it is undecided in all golden samples; train it further")
     images, p_WP, action = images[decided], p_WP[decided], action[decided]
     d_W = spec.max_translation * action / np.maximum(np.linalg.norm(action, axis=1, keepdims=True), 1.0)
-    told = state[decided] if estimate else None
+    told = state[decided, : spec.task.state_size] if estimate else None
     return Golden(images, p_WP, d_W.astype(np.float32), told, goal[decided] if size else None)
 
 
@@ -238,7 +236,7 @@ def onnx_bytes(policy: Policy, *, estimate: bool = True) -> bytes:
     with _quiet():
         program = torch.onnx.export(
             InMetres(policy.spec, policy.actor, estimate=estimate),
-            (images, torch.zeros(policy.spec.action_size), *([torch.zeros(size)] if size else [])),
+            (images, torch.zeros(policy.spec.pusher_size), *([torch.zeros(size)] if size else [])),
             input_names=[IMAGE, POSITION, *([GOAL] if size else [])],
             output_names=[TRANSLATION, ESTIMATE] if estimate else [TRANSLATION],
             opset_version=OPSET,

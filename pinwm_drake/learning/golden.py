@@ -28,7 +28,7 @@ class Golden:
 
     Attributes:
         images: (n, height, width, 3 k) uint8, RGB: k images each, the oldest first.
-        p_WP: (n, action_size) float32 m, world: positions of the pusher along the axes of the task.
+        p_WP: (n, pusher_size) float32 m, world: positions of the pusher along the axes of the task, with their history.
         d_W: (n, action_size) float32 m, world: translations that the policy answered, along the same axes.
         estimate: (n, state_size) float32, the policy's estimates of the task's state; None where it gives none.
         goal: (n, goal_size) float32, goals of the episodes; None where they have that of the task.

@@ -76,7 +76,7 @@ class Network:
 
         Args:
             image: (height, width, 3 k) uint8, RGB: the last k images, the oldest first.
-            p_WP: (n,) m, world: position of the pusher along the axes of the task.
+            p_WP: (spec.pusher_size,) m, world: position of the pusher along the axes of the task, with its history.
             goal: (task.goal_size,) goal of the episode; None where episodes have that of the task.
 
         Raises:

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, InstanceOf
 from pydantic_core import to_jsonable_python
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.tasks.history import history_size
 from pinwm_drake.tasks.registry import task_from_document
 from pinwm_drake.tasks.task import Task
 from pinwm_drake.validation import check_fields, document_of, from_document
@@ -205,6 +206,37 @@ class PolicySpec:
     def image_shape(self) -> tuple[int, int, int]:
         """Shape (height, width, 3 k) of the images that the policy sees, k of them in one stack."""
         return (self.camera.height, self.camera.width, 3 * self.frames)
+
+    @property
+    def pusher_size(self) -> int:
+        """Number of components of what a policy of images knows of the pusher; see `tasks.history`."""
+        return history_size(self.action_size, self.action_size, self.history)
+
+    def pusher_seen(self, metres: np.ndarray) -> np.ndarray:
+        """Positions and translations in [-1, 1], as the network sees them; positions are cut at the walls of the box.
+
+        Args:
+            metres: (..., pusher_size) m, world: position of the pusher along the task's axes; then, for each of the
+                last `history` actions, the newest first, the position before it and the translation asked for.
+        """
+        low, size, moves = self._pusher_scales()
+        seen: np.ndarray = np.where(moves > 0.0, metres / size, 2.0 * (metres - low) / size - 1.0)
+        return np.clip(seen, -1.0, 1.0)
+
+    def pusher_metres(self, seen: np.ndarray) -> np.ndarray:
+        """Positions and translations (..., pusher_size) m of those in [-1, 1]; the inverse of `pusher_seen`."""
+        low, size, moves = self._pusher_scales()
+        metres: np.ndarray = np.where(moves > 0.0, seen * size, low + 0.5 * (seen + 1.0) * size)
+        return metres
+
+    def _pusher_scales(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lower ends and sizes (pusher_size,) m of what is known of the pusher, and kinds: 1 for a translation."""
+        low, n = np.array(self.pusher_low), self.action_size
+        size, whole = np.array(self.pusher_high) - low, np.full(n, self.max_translation)
+        nothing = np.zeros(n)
+        parts = [(low, size, nothing), *[(low, size, nothing), (nothing, whole, nothing + 1.0)] * self.history]
+        low, size, kinds = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return low, size, kinds
 
     def to_document(self) -> dict[str, Any]:
         """Return the specification as plain data, for YAML; what came later is left out where it is as before."""

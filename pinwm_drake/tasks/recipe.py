@@ -34,8 +34,6 @@ class Recipe:
             the object counts, or None; the fourth, of tasks with a `goal_size`, the episodes' goals (B, goal_size), or
             None for the task's own.
         waypoints: Flag: most episodes of a training begin in states of plans, as chance hardly ever succeeds.
-        manoeuvre: Translations (n, 3) m of the pusher that more or less do the task from a start with the pusher along
-            x from the object: a first guess for the search of such plans, where there are any.
         planner: Planner of the model-predictive controller: "outline" pushes at the object's planar outline,
             "sampling" tries sequences of actions in the twin's worlds.
         motion: Motion that a simulated capture films: level pushes, or pokes that rock the object.
@@ -54,7 +52,6 @@ class Recipe:
     disturbance: float = 0.0
     assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
     waypoints: bool = False
-    manoeuvre: tuple[tuple[float, float, float], ...] = ()
     planner: Literal["outline", "sampling"] = "sampling"
     motion: Literal["push", "poke"] = "push"
     check: Literal["pushes", "pokes"] = "pushes"

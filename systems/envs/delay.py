@@ -41,6 +41,10 @@ class Delay:
         self._latency[world] = generator.uniform(low, high) if high > low else low
         self._past[:, world] = 0.0
 
+    def rest(self) -> None:
+        """Forget the past actions of all worlds: their pushers have rested."""
+        self._past[:] = 0.0
+
     def __call__(self, actions: np.ndarray) -> np.ndarray:
         """Actions (W, n) that take effect while those given, (W, n) in [-1, 1]^n, are asked for."""
         if not self._range[1]:

@@ -195,6 +195,7 @@ class Worlds:
             p_WP: (W, 3) m, world: positions of the pushers.
         """
         self.run.set_world_state(object_state, p_WP)
+        self._delay.rest()
         self._steps[:] = 0
         self._take_state()
         self._observer.forget(self._object_state, self._p_WP, self._goal, np.arange(self.num_worlds))

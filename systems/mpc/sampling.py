@@ -17,12 +17,13 @@ from pinwm_drake.errors import require
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.worlds import Advance, Worlds
 from pinwm_drake.systems.mpc.acting import MpcPolicy
+from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
 
-_MANOEUVRES = 0.5  # share of a first round's sequences that are like the task's manoeuvre
+_STROKES = 0.5  # share of a first round's sequences that are strokes at the object
 _FAILURE = 10.0  # cost of a sequence that the physics finds no solution for
 
 
@@ -122,17 +123,16 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
     ) -> None:
         self.options = options or SamplingOptions()
         task = setup.task if task is None else task
-        self._recipe = recipe_of(task)
         settings = EnvOptions(
             task=task.for_training(),
             max_translation=max_translation,
             max_steps=self.options.horizon,
-            time_step=self._recipe.training_step,
+            time_step=recipe_of(task).training_step,
         )
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
         self.task = self.worlds.task
         self._random = np.random.default_rng(self.options.seed)
-        self._manoeuvre = self._as_actions(self._recipe.manoeuvre)
+        self._strokes = Strokes(self.worlds, self.options.horizon) if Strokes.apply(self.worlds) else None
         place = StartDistribution(self.worlds.setup).middle()
         self._usual = place.object_state, place.p_WP
 
@@ -155,7 +155,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         """Return a sequence of actions that succeeds in the twin, or the best that is found.
 
         It is the middle of the last round's good ones where that succeeds, which bears more than the best of them.
-        A part of the first round's sequences are like the manoeuvre of the task, where there is one.
+        A part of the first round's sequences are strokes at the object, where the task moves the pusher in space.
 
         Args:
             object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world; a component that is NaN is that of
@@ -182,10 +182,10 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
             drawn[: len(kept)] = kept
             if best is not None:
                 drawn[-1] = mean
-            if best is None and self._manoeuvre is not None:
-                known = self._manoeuvre @ self.turn(object_state, p_WP).T
-                part = drawn[-round(_MANOEUVRES * options.samples) :]
-                part[:] = np.clip(known + 0.5 * options.spread * self._noise(n)[: len(part)], -1.0, 1.0)
+            if best is None and self._strokes is not None:
+                part = drawn[-round(_STROKES * options.samples) :]
+                strokes = self._strokes.draw(self._random, len(part), object_state, p_WP)
+                part[:] = strokes @ heading_turn(self.task, object_state, p_WP).T
             values, successes = self._values(drawn, object_state, p_WP)
             if best is not None:
                 middle = ActionPlan(mean.copy(), float(values[-1]), bool(successes[-1]))
@@ -202,30 +202,9 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         # The middle of many good plans bears more than the best of them, which may hang on a hair.
         return middle if middle is not None and middle.success else best
 
-    def turn(self, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
-        """Turn (n, n) of actions from x to the way from object to pusher; none where the task minds its yaw.
-
-        Args:
-            object_state: (13,), as for `plan`.
-            p_WP: (3,) m, world: position of the pusher.
-        """
-        away = p_WP - object_state[4:7]
-        yaw = 0.0 if self._recipe.heading is None else math.atan2(away[1], away[0])
-        axes = self.task.axis_indices
-        return np.asarray(RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)])
-
     def reseed(self, seed: int | Sequence[int]) -> None:
         """Draws from now on as a planner does that was made with this seed."""
         self._random = np.random.default_rng(seed)
-
-    def _as_actions(self, manoeuvre: Sequence[Sequence[float]]) -> np.ndarray | None:
-        """Actions (horizon, n) of translations [m]; None where there are none."""
-        if not manoeuvre:
-            return None
-        actions = np.zeros((self.options.horizon, self.task.action_size))
-        d_W = np.array(manoeuvre)[: len(actions)]
-        actions[: len(d_W)] = np.clip(d_W[:, self.task.axis_indices] / self.worlds.run.max_translation, -1.0, 1.0)
-        return actions
 
     def _noise(self, n: int) -> np.ndarray:
         share = self.options.correlation
@@ -245,6 +224,20 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
             total += np.where(going, np.where(failed, -_FAILURE, out.reward), 0.0)
             success |= going & out.terminated
         return total, success
+
+
+def heading_turn(task: Task, object_state: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
+    """Turn (n, n) of actions from x to the way from object to pusher; none where the task minds its yaw.
+
+    Args:
+        task: The task.
+        object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
+        p_WP: (3,) m, world: position of the pusher.
+    """
+    away = p_WP - object_state[4:7]
+    yaw = 0.0 if recipe_of(task).heading is None else math.atan2(away[1], away[0])
+    axes = task.axis_indices
+    return np.asarray(RotationMatrix.MakeZRotation(yaw).matrix()[np.ix_(axes, axes)])
 
 
 def carried_out(worlds: Worlds, actions: np.ndarray) -> Iterator[tuple[np.ndarray, Advance]]:

@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from math import nan as NAN
 from pathlib import Path
 
@@ -15,12 +15,14 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
-from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingOptions, carried_out
+from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
+from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
 STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
+_ALIKE = 0.05  # mean difference of two plans' actions, up to which they count as one
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
 _ELITE, _MOMENTUM, _LEAST = 0.25, 0.2, 0.03  # of the rounds that make a plan more robust
 
@@ -30,34 +32,39 @@ class WaypointOptions:
     """Settings of the search for waypoints.
 
     Attributes:
-        attempts: Largest number of starts from which the task is planned.
-        share: Share of a plan's replays with success from which no more starts are tried.
+        strokes: Number of strokes that are tried, each in as many domains and starts as the first of `sieves` says.
+        sieves: Pairs of numbers: starts from which plans are carried out, and plans that are kept, the best ones.
+        attempts: Number of the plans kept at last that are made more robust; they differ from each other.
         replays: Number of a plan's replays, in units of the worlds.
         noise: Standard deviation of the noise on the actions of a replay, in units of an action.
-        rounds: Number of the rounds that make the best plan more robust.
+        rounds: Number of the rounds that make a plan more robust.
         plans: Number of the changed plans of a round.
         starts: Number of the starts from which each of these is carried out, at most that of the worlds.
         change: Standard deviation of the first changes, in units of an action.
-        planner: Options of the planner.
+        horizon: Number of actions of a plan.
 
     Raises:
         ParameterError: A number is out of range.
     """
 
-    attempts: int = 20
-    share: float = 0.2
+    strokes: int = 8192
+    sieves: tuple[tuple[int, int], ...] = ((2, 256), (8, 32), (32, 32))
+    attempts: int = 3
     replays: int = 4
     noise: float = 0.05
-    rounds: int = 15
+    rounds: int = 10
     plans: int = 32
     starts: int = 16
     change: float = 0.08
-    planner: SamplingOptions = field(default_factory=lambda: SamplingOptions(horizon=12, first_iterations=15))
+    horizon: int = 9
 
     def __post_init__(self) -> None:
-        for name, least in (("attempts", 1), ("replays", 1), ("rounds", 0), ("plans", 2), ("starts", 1)):
-            require(name, getattr(self, name), getattr(self, name) >= least, f"{least} or more")
-        for name in ("share", "noise", "change"):
+        least = {"strokes": 1, "attempts": 1, "replays": 1, "rounds": 0, "plans": 2, "starts": 1, "horizon": 1}
+        for name, number in least.items():
+            require(name, getattr(self, name), getattr(self, name) >= number, f"{number} or more")
+        whole = all(starts >= 1 and kept >= 1 for starts, kept in self.sieves)
+        require("sieves", self.sieves, bool(self.sieves) and whole, "pairs of numbers, 1 or more")
+        for name in ("noise", "change"):
             require(name, getattr(self, name), 0.0 <= getattr(self, name) <= 1.0, "0 to 1")
 
 
@@ -96,17 +103,18 @@ def find_waypoints(
         InputError: The folder's file cannot be read or written, or is of another search.
     """
     options = options or WaypointOptions()
-    about = {**worlds.about, "search": asdict(options), "seed": seed}
+    settings = asdict(options) | {"sieves": [list(sieve) for sieve in options.sieves]}
+    about = {**worlds.about, "search": settings, "seed": seed}
     search = _Search(worlds, options, seed)
     if resume:
         search.restore(folder, about)
     pace, begun = Pace(), time.monotonic()
     while search.goes_on():
-        best = search.best
+        best, done = search.best, search.done_steps / search.steps
         best.waypoints.write(folder, about, share=np.array(best.share), actions=best.actions, **search.get_state())
-        _, left = pace(search.done, search.steps)
+        _, left = pace(done, search.steps)
         seconds = time.monotonic() - begun
-        report(Step(STAGE, search.done, len(best.waypoints), best.share, NAN, NAN, best.share, seconds, left=left))
+        report(Step(STAGE, done, len(best.waypoints), best.share, NAN, NAN, best.share, seconds, left=left))
     return search.best.waypoints
 
 
@@ -123,40 +131,42 @@ class _Plan:
 
 
 class _Search:
-    """Plans and their replays, attempt after attempt, then rounds around the best one; each has a seed of its own."""
+    """Strokes and sieves, then rounds around each of the best plans; each step has a seed of its own."""
 
     def __init__(self, worlds: TrainingWorlds, options: WaypointOptions, seed: int) -> None:
         self._options, self._seed, self._begin = options, seed, worlds.begin
         self._replays: Worlds = worlds.task_worlds("state").worlds
-        setup = self._replays.setup
-        self._planner = SamplingMpc(setup, worlds.setup.task, self._replays.run.max_translation, options.planner)
-        self._start = StartDistribution(setup)
-        shape = options.planner.horizon, setup.task.action_size
+        self._start = StartDistribution(self._replays.setup)
+        shape = options.horizon, worlds.setup.task.action_size
         self.best = _Plan(Waypoints(), 0.0, np.zeros(shape))
-        self.attempts, self.rounds = 0, 0
-        self._mean, self._deviation = np.zeros(shape), np.full(shape, options.change)
+        self.done_steps = 0
+        self._plans, self._mean = np.zeros((options.attempts, *shape)), np.zeros(shape)
+        self._deviation = np.full(shape, options.change)
 
     @property
     def steps(self) -> int:
-        return self.attempts + self.rounds
-
-    @property
-    def done(self) -> float:
-        if self._tries():
-            return self.attempts / (self._options.attempts + self._options.rounds)
-        return 1.0 - (self._options.rounds - self.rounds) / (self._options.attempts + self._options.rounds)
+        return 1 + self._options.attempts * max(self._options.rounds, 1)
 
     def goes_on(self) -> bool:
-        if self._tries():
-            self._attempt()
-        elif self.best.share and self.rounds < self._options.rounds:
-            self._strengthen()
-        else:
+        if self.done_steps == self.steps:
             return False
+        generator = np.random.default_rng([self._seed, self.done_steps])
+        if self.done_steps == 0:
+            self._plans = self._sieved(generator)
+        else:
+            attempt, number = divmod(self.done_steps - 1, max(self._options.rounds, 1))
+            if number == 0:
+                self._mean = self._plans[attempt]
+                self._deviation = np.full(self._mean.shape, self._options.change)
+            if self._options.rounds:
+                self._strengthen(generator)
+            if number + 1 >= self._options.rounds:
+                self._keep(self._mean, generator)
+        self.done_steps += 1
         return True
 
     def get_state(self) -> dict[str, np.ndarray]:
-        counts = {"attempts": np.array(self.attempts), "rounds": np.array(self.rounds)}
+        counts = {"steps": np.array(self.done_steps), "plans": self._plans}
         return counts | {"mean": self._mean, "deviation": self._deviation}
 
     def restore(self, folder: Path, about: Mapping[str, object]) -> None:
@@ -166,53 +176,56 @@ class _Search:
             return
         found = Waypoints(*(arrays[name] for name in names))
         self.best = _Plan(found, float(arrays["share"]), arrays["actions"])
-        self.attempts, self.rounds = int(arrays["attempts"]), int(arrays["rounds"])
+        self.done_steps, self._plans = int(arrays["steps"]), arrays["plans"]
         self._mean, self._deviation = arrays["mean"], arrays["deviation"]
 
-    def _tries(self) -> bool:
-        return self.attempts < self._options.attempts and self.best.share < self._options.share
+    def _sieved(self, generator: np.random.Generator) -> np.ndarray:
+        """Return strokes (attempts, horizon, n) that do the task from many starts, and differ; the best one first."""
+        options, middle = self._options, self._start.middle()
+        strokes = Strokes(self._replays, options.horizon)
+        plans = strokes.draw(generator, options.strokes, middle.object_state, middle.p_WP)
+        for starts, kept in options.sieves:
+            worth = self._worth(plans, starts, 0.0, generator)
+            plans = plans[np.argsort(-worth, kind="stable")[:kept]]
+        chosen = [plans[0]]
+        for plan in plans[1:]:
+            if all(np.abs(plan - other).mean() > _ALIKE for other in chosen):
+                chosen.append(plan)
+        return np.array((chosen * options.attempts)[: options.attempts])
 
-    def _attempt(self) -> None:
-        number, self.attempts = self.attempts, self.attempts + 1
-        generator = np.random.default_rng([self._seed, number])
-        self._planner.reseed([self._seed, number, 1])
-        place = self._start.draw(generator)
-        turn = self._planner.turn(place.object_state, place.p_WP)
-        # Two of three are like the best one so far, from another start: the more robust one of them is kept again.
-        like = self.best.actions @ turn.T if self.best.share and number % 3 else None
-        plan = self._planner.plan(place.object_state, place.p_WP, like=like)
-        if not plan.success:
-            return
-        self._seed_worlds(generator)
-        self._keep(self._bounded(plan.actions) @ turn, generator)
-
-    def _strengthen(self) -> None:
-        options, W = self._options, self._replays.num_worlds
-        if self.rounds == 0:
-            self._mean = self.best.actions
-        generator = np.random.default_rng([self._seed, options.attempts + self.rounds])
-        self._seed_worlds(generator)
-        starts = min(options.starts, W)
-        at, noise = self._draw(starts, generator), self._noise(starts, generator)
+    def _strengthen(self, generator: np.random.Generator) -> None:
+        options = self._options
         plans = self._mean + self._deviation * generator.normal(size=(options.plans, *self._mean.shape))
-        plans = np.array([self._bounded(plan) for plan in plans])
-        worth = []
-        for some in np.array_split(plans, -(-len(plans) // (W // starts))):
-            # Worlds that are left over do what others do.
-            which, start = np.arange(W) // starts % len(some), np.arange(W) % starts
-            wanted = some[which] @ self._place([at[k] for k in start]).swapaxes(1, 2)
-            total = np.zeros(W)
-            for going, out in carried_out(self._replays, np.clip(wanted + noise[start], -1.0, 1.0)):
-                total += np.where(going, out.reward, 0.0)
-            worth += [total[which == k].mean() for k in range(len(some))]
-        elites = plans[np.argsort(-np.array(worth), kind="stable")[: max(round(_ELITE * len(plans)), 1)]]
+        plans = np.array([self._mean, *(self._bounded(plan) for plan in plans[1:])])
+        worth = self._worth(plans, options.starts, options.noise, generator)
+        elites = plans[np.argsort(-worth, kind="stable")[: max(round(_ELITE * len(plans)), 1)]]
         self._mean = _MOMENTUM * self._mean + (1.0 - _MOMENTUM) * elites.mean(0)
         self._deviation = np.maximum(_MOMENTUM * self._deviation + (1.0 - _MOMENTUM) * elites.std(0), _LEAST)
-        self.rounds += 1
-        if self.rounds == options.rounds:
-            self._keep(self._mean, generator)
+
+    def _worth(self, plans: np.ndarray, starts: int, noise: float, generator: np.random.Generator) -> np.ndarray:
+        """Mean returns (P,) of plans (P, horizon, n) from the same starts, in the same domains, with the same noise."""
+        W, worth = self._replays.num_worlds, []
+        starts = min(starts, W)
+        self._seed_worlds(generator)
+        at, noises = self._draw(starts, generator), self._noise(starts, noise, generator)
+        start, domain = np.arange(W) % starts, self._replays.domain
+        domains = None if domain is None else [domain(world) for world in range(starts)]
+        if domains is not None:
+            self._replays.domain = lambda world: domains[world % starts]
+        self._replays.begin(np.arange(W))
+        self._replays.domain = domain
+        for some in np.array_split(plans, -(-len(plans) // (W // starts))):
+            # Worlds that are left over do what others do.
+            which = np.arange(W) // starts % len(some)
+            wanted = some[which] @ self._place([at[k] for k in start]).swapaxes(1, 2)
+            total = np.zeros(W)
+            for going, out in carried_out(self._replays, np.clip(wanted + noises[start], -1.0, 1.0)):
+                total += np.where(going, out.reward, 0.0)
+            worth += [total[which == k].mean() for k in range(len(some))]
+        return np.array(worth)
 
     def _keep(self, actions: np.ndarray, generator: np.random.Generator) -> None:
+        self._seed_worlds(generator)
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
@@ -232,22 +245,22 @@ class _Search:
         slips = generator.normal(0.0, _SLIP, (number, 3))
         return [Place(place.X_WO, place.p_WP + slip) for place, slip in zip(places, slips, strict=True)]
 
-    def _noise(self, number: int, generator: np.random.Generator) -> np.ndarray:
-        return np.asarray(generator.normal(0.0, self._options.noise, (number, *self._mean.shape)))
+    def _noise(self, number: int, noise: float, generator: np.random.Generator) -> np.ndarray:
+        return np.asarray(generator.normal(0.0, noise, (number, *self._mean.shape)))
 
     def _place(self, places: list[Place]) -> np.ndarray:
-        """Begins episodes of the training from places (W); gives the turns (W, n, n) of a plan's actions there."""
-        self._replays.begin(np.arange(len(places)))  # for the domains
+        """Put the worlds into places (W); gives the turns (W, n, n) of a plan's actions there."""
         self._replays.set_object_states(
             np.array([place.object_state for place in places]), np.array([place.p_WP for place in places])
         )
-        return np.array([self._planner.turn(place.object_state, place.p_WP) for place in places])
+        return np.array([heading_turn(self._replays.task, place.object_state, place.p_WP) for place in places])
 
     def _replay(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[Waypoints, float]:
         """Return the waypoints of those replays of a plan that did the task, and their share."""
         worlds, W = self._replays, self._replays.num_worlds
+        worlds.begin(np.arange(W))  # for the domains
         wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
-        noise = self._noise(W, generator)
+        noise = self._noise(W, self._options.noise, generator)
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
         for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
             seen.append(_states(worlds))

@@ -161,6 +161,25 @@ def test_a_repeated_image_is_not_stacked_twice(seen):
     assert seen.stacks == [[1, 1, 1]]
 
 
+def test_places_and_translations_before_the_last_actions_follow_the_place(monkeypatch):
+    seen = Seen(image_spec(16, 3, history=2))
+    monkeypatch.setattr(module, "Bundle", Seen)
+    runner = Runner(seen)
+    for k in range(2):  # not armed: nothing has been asked for
+        give(runner, k * H, 1 + k, at(0.01 * k))
+        assert seen.places[-1].tolist() == pytest.approx([0.01 * k, 0, 0.01 * k, 0, 0, 0, 0.01 * k, 0, 0, 0])
+    runner.arm()
+    first, second = [0.02, 0, 0.01, 0], [0.03, 0, 0, 0.02]
+    rest = [0.02, 0, 0, 0]
+    for k, (x, past) in enumerate([(0.02, rest + rest), (0.03, first + rest), (0.05, second + first)]):
+        seen.d_W = np.array([0.01, 0.0]) if k == 0 else np.array([0.0, 0.02])
+        give(runner, (2 + k) * H, 5 + k, at(x))
+        assert seen.places[-1].tolist() == pytest.approx([x, 0, *past])
+    runner.reset()
+    give(runner, 9.0, 9, at(0.0))
+    assert seen.places[-1].tolist() == pytest.approx([0.0] * 10)
+
+
 def test_a_real_bundle_answers_as_it_does_itself(tmp_path):
     folder = exported(tmp_path / "bundle", untrained_policy(image_spec(16, 2)))
     bundle, runner = read_bundle(folder), Runner(folder)

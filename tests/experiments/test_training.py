@@ -13,7 +13,6 @@ from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.training import train, worlds_of
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.policy_scene import spec_environment
-from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
@@ -88,7 +87,7 @@ def test_options_that_make_no_sense_are_refused(tmp_path, values):
 
 @pytest.mark.nightly
 def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
-    brief = WaypointOptions(attempts=1, planner=SamplingOptions(samples=16, first_iterations=1))
+    brief = WaypointOptions(strokes=64, sieves=((1, 4),), attempts=1, rounds=0)
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
     write_twin(tmp_path / "twin", twin)
     cases = ({"task": "flip"}, {"in_scene": "flip_mug", "history": 2})

@@ -53,7 +53,8 @@ def untrained_policy(spec: PolicySpec, gain: float = 1.5) -> Policy:
     actor = make_actor(spec).eval()
     images, _ = pictures(spec, 40)
     with torch.no_grad():
-        logits = actor.head(actor.latent({"image": torch.from_numpy(images), "pusher": torch.rand(40, 2) * 2 - 1}))
+        pusher = torch.rand(40, spec.pusher_size) * 2 - 1
+        logits = actor.head(actor.latent({"image": torch.from_numpy(images), "pusher": pusher}))
         scale = gain / logits.std(0)
         actor.head.bias.copy_((actor.head.bias - logits.mean(0)) * scale)
         actor.head.weight.mul_(scale[:, None])

@@ -148,6 +148,28 @@ def test_a_policy_that_was_not_taught_the_state_tells_no_estimate(policy, tmp_pa
     assert d_W == pytest.approx(in_metres(policy, *samples)[0], abs=TOLERANCE)
 
 
+def test_a_history_follows_the_position_in_metres(tmp_path):
+    spec = image_spec(16, 3, history=2)
+    policy, (images, _) = untrained_policy(spec), pictures(spec)
+    pusher = np.random.default_rng(3).uniform(-0.9, 0.9, (len(images), 10)).astype(np.float32)
+    low, high = np.array(LOW), np.array(HIGH)
+    place = lambda part: low + (part + 1.0) / 2.0 * (high - low)  # noqa: E731
+    now, before, asked, earlier, asked_earlier = np.split(pusher.astype(float), 5, axis=1)
+    p_WP = np.hstack([place(now), place(before), LONGEST * asked, place(earlier), LONGEST * asked_earlier])
+    bundle = export_policy(policy, tmp_path / "bundle", limits=default_limits(spec), samples=(images, p_WP))
+    assert bundle.contract["inputs"][1]["shape"] == [10]
+    assert "last 2 actions" in bundle.contract["inputs"][1]["meaning"]
+    seen = {"image": images, "pusher": pusher}
+    actions, _ = policy.predict(seen)
+    wanted = actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1.0)
+    np.testing.assert_allclose(bundle.predict(seen)[0], wanted, atol=1e-4)
+    d_W = np.array([bundle.act(*one) for one in zip(images, p_WP, strict=True)])
+    np.testing.assert_allclose(d_W, LONGEST * wanted, atol=TOLERANCE)
+    p_WP[:, 2:] = np.hstack([p_WP[:, :2], 0.0 * p_WP[:, :2]] * 2)
+    other = np.array([bundle.act(*one) for one in zip(images, p_WP, strict=True)])
+    assert np.abs(d_W - other).max() > 1e-4  # the history counts
+
+
 def test_what_cannot_be_exported_is_refused(policy, tmp_path):
     images, p_WP = pictures(SPEC)
     limits, out = default_limits(SPEC), tmp_path / "bundle"
@@ -159,10 +181,6 @@ def test_what_cannot_be_exported_is_refused(policy, tmp_path):
 
     state = Policy(dataclasses.replace(SPEC, observes="state"), policy.actor)
     assert refused(state, images, p_WP).startswith("policy: got one that observes state; allowed: rgb")
-    past = dataclasses.replace(SPEC, history=1)
-    assert refused(Policy(past, policy.actor), images, p_WP).startswith("policy: got one that sees the last 1 actions")
-    with pytest.raises(ParameterError, match="allowed: a history of 0"):
-        check_exportable(past)
     assert "got images of float64 (6, 32, 32, 6); allowed: uint8 (n, 32, 32, 6)" in refused(policy, images * 1.0, p_WP)
     assert "got images of uint8 (0, 32, 32, 6)" in refused(policy, images[:0], p_WP[:0])
     assert "got positions (5, 2); allowed: (6, 2)" in refused(policy, images, p_WP[1:])

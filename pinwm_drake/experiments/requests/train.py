@@ -109,9 +109,7 @@ class TrainRequest:
         int | None, option("Number of updates in a round of the student.", group=ADVANCED, ge=1, default="as needed")
     ] = None
     shift: Annotated[int | None, option("Random shift of the student's images.", group=ADVANCED, unit="px")] = None
-    history: Annotated[
-        int, option("Number of past actions the policy sees; a bundle needs 0.", group=ADVANCED, ge=0)
-    ] = 0
+    history: Annotated[int, option("Number of past actions the policy sees.", group=ADVANCED, ge=0)] = 0
     auxiliary: Annotated[bool, option("Teach PPO to estimate the state as well.", group=ADVANCED)] = True
     device: Annotated[str, option("Device of the networks: cpu or cuda.", group=ADVANCED)] = "cpu"
     seed: Annotated[int, option("Seed of networks, worlds and cousins.", group=ADVANCED, ge=0)] = 0

@@ -53,7 +53,6 @@ from pinwm_drake.systems.envs.options import environment_setup
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from pinwm_drake.systems.envs.training_worlds import training_options
 from pinwm_drake.systems.envs.vector import TaskVecEnv
-from pinwm_drake.systems.mpc.sampling import SamplingOptions
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
 from pinwm_drake.systems.runs.realism.stand_in import StandIn
 from pinwm_drake.systems.scenario.load import load_setup
@@ -72,7 +71,7 @@ _SILENCE = 60.0  # s, between two lines of a log
 # Options of a training for the stand-in for a robot: a lab measures the 80 ms of its actions, and knows them to 10, and
 # its masks to a pixel.
 _ROBOT: dict[str, Any] = {"latency": (0.07, 0.09), "mask_error": 1.0}
-_QUICK_SEARCH = WaypointOptions(attempts=1, rounds=0, planner=SamplingOptions(samples=8, first_iterations=1))
+_QUICK_SEARCH = WaypointOptions(strokes=64, sieves=((1, 4),), attempts=1, rounds=0)
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,6 @@ FLIP = Recipe(
     disturbance=0.1,  # one action of random ones ends 0.1 rad from where another engine has it
     assembly=_assembly,
     waypoints=True,  # chance hardly ever turns an object over
-    # Down to its foot, then up along its side as fast as may be: friction lifts it.
-    manoeuvre=((-0.028, 0.0, -0.05), (0.0, 0.0, -0.03), (-0.065, 0.0, 0.1), (-0.02, 0.0, 0.09)),
     motion="poke",
     check="pokes",
     success_words=lambda task: f"success is rest on the floor within {task.turn_tolerance:g} rad of upright",

@@ -65,8 +65,8 @@ def test_a_plan_keeps_what_it_promises(cube):
     assert sum(rewards) - effort == pytest.approx(plan.value, abs=1e-3)
 
 
-def test_the_first_sequences_of_a_plan_have_the_manoeuvre_along_the_way_from_pusher_to_object(cube, monkeypatch):
-    planner = SamplingMpc(cube, options=SamplingOptions(samples=400, horizon=3, first_iterations=1))
+def test_half_of_the_first_sequences_of_a_plan_are_strokes_from_the_pusher_to_the_object(cube, monkeypatch):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=400, horizon=4, first_iterations=1))
     tried = []
 
     def values(actions, object_state, p_WP):
@@ -81,11 +81,11 @@ def test_the_first_sequences_of_a_plan_have_the_manoeuvre_along_the_way_from_pus
         ([-0.06, -0.06, 0.03], [-0.71, -0.71]),
     ):
         planner.plan(state, np.array(away))
-        third = tried.pop()[200:, 2].mean(0)  # up along the object's side
-        assert third[:2] == pytest.approx(-0.6 * np.array(along), abs=0.1)
-        assert third[2] > 0.7
-    planner.plan(state, np.array([0.1, 0, 0.03]), like=np.zeros((3, 3)))
-    assert np.abs(tried.pop()[:200].mean(0)).max() < 0.1
+        first, strokes = np.split(tried.pop(), 2)
+        across = strokes[..., :2] @ np.array([-along[1], along[0]])
+        assert np.abs(across).max() < 0.01
+        assert (strokes[:, 1, :2] @ along).mean() < -0.3
+        assert np.abs(first.mean((0, 1))).max() < 0.1
 
 
 @pytest.mark.parametrize("bears", [True, False])

@@ -10,7 +10,7 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
-QUICK = WaypointOptions(attempts=3, share=1.0, replays=2, rounds=2, plans=4, starts=8)
+QUICK = WaypointOptions(strokes=512, sieves=((2, 32), (8, 8)), attempts=2, replays=2, rounds=2, plans=4, starts=8)
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,7 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"attempts": 0}, {"replays": 0}, {"share": 1.5}, {"noise": -0.1}, {"rounds": -1}, {"plans": 1}]
+    "wrong", [{"attempts": 0}, {"replays": 0}, {"sieves": ()}, {"noise": -0.1}, {"rounds": -1}, {"plans": 1}]
 )
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: MIT
+import numpy as np
+import pytest
+
+from pinwm_drake.systems.envs.options import EnvOptions
+from pinwm_drake.systems.envs.worlds import Worlds
+from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
+from pinwm_drake.systems.mpc.strokes import Strokes
+from pinwm_drake.systems.scenario.start import StartDistribution
+
+HORIZON, NUMBER = 9, 600
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """Worlds of a cube of 60 mm, and their middle start."""
+    worlds = Worlds("flip_cube", "twin", NUMBER, EnvOptions(time_step=1 / 240))
+    return worlds, StartDistribution(worlds.setup).middle()
+
+
+@pytest.fixture(scope="module")
+def strokes(cube):
+    worlds, place = cube
+    return Strokes(worlds, HORIZON).draw(np.random.default_rng(1), NUMBER, place.object_state, place.p_WP)
+
+
+def test_they_meet_the_object_at_all_its_heights_and_stay_in_the_plane_of_the_heading(cube, strokes):
+    worlds, place = cube
+    assert strokes.shape == (NUMBER, HORIZON, 3)
+    assert np.linalg.norm(strokes, axis=2).max() <= 1.0 + 1e-12
+    assert not strokes[..., 1].any()
+    longest = worlds.run.max_translation
+    below = place.p_WP[2] + longest * strokes[:, 0, 2]  # the way to a height takes one action here
+    pusher = worlds.setup.scenario.pusher
+    assert below.min() == pytest.approx(pusher.low[2])
+    assert np.ptp(below) > 0.04
+    assert (strokes[:, 1, 0] < 0.0).mean() > 0.95  # towards the object
+    assert (np.linalg.norm(strokes, axis=2) > 0.0).sum(1).max() <= 4
+
+
+def test_some_of_them_turn_a_cube_over(cube, strokes):
+    worlds, place = cube
+    worlds.reset()
+    worlds.set_object_states(np.tile(place.object_state, (NUMBER, 1)), np.tile(place.p_WP, (NUMBER, 1)))
+    turn, over = heading_turn(worlds.task, place.object_state, place.p_WP), np.zeros(NUMBER, bool)
+    for going, out in carried_out(worlds, strokes @ turn.T):
+        over |= going & out.terminated
+    assert over.sum() >= 6
+
+
+def test_they_are_of_tasks_that_move_the_pusher_in_space(cube):
+    assert Strokes.apply(cube[0])
+    assert not Strokes.apply(Worlds("push_t"))
