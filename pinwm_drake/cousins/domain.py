@@ -4,13 +4,18 @@
 Cousins of a twin are domains; methods that randomise otherwise differ from them in the domain alone.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
+
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw
+from pinwm_drake.errors import require
 from pinwm_drake.twin.twin import Twin
 
+_FRICTIONS = 2  # part of a cousin's draws; its physics and looks are parts 0 and 1
 DomainDraw = Callable[[int], Cousin]
 
 
@@ -33,21 +38,42 @@ class CousinDomains:
             the twin.
         from_intervals: Flag: what was identified is drawn from the twin's posterior; see `CousinDraw`.
         seed: Seed of the draws, 0 or more.
+        friction_floor, friction_pusher: Least and largest friction, drawn evenly in the place of the twin's; None for
+            that of the cousins.
     """
 
     delta: float = 0.1
     from_intervals: bool = False
     seed: int = 0
+    friction_floor: tuple[float, float] | None = None
+    friction_pusher: tuple[float, float] | None = None
 
     def draw(self, twin: Twin) -> DomainDraw | None:
         """Return the function from a number to its cousin; None where nothing is drawn.
 
         Raises:
-            ParameterError: delta or seed is out of range.
+            ParameterError: delta, seed or a friction is out of range.
         """
         cousins = CousinDraw(twin, delta=self.delta, from_intervals=self.from_intervals, seed=self.seed)
-        return cousins.cousin if self.delta > 0 or self.from_intervals else None
+        ranges = self._ranges()
+        for name, (low, high) in ranges.items():
+            require(name, f"{low} to {high}", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
+        if not ranges:
+            return cousins.cousin if self.delta > 0 or self.from_intervals else None
+
+        def drawn(number: int) -> Cousin:
+            cousin = cousins.cousin(number)
+            generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, _FRICTIONS)))
+            given = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
+            return replace(cousin, theta=cousin.theta | given)
+
+        return drawn
 
     def about(self) -> dict[str, object]:
         """Return settings by name, for a checkpoint."""
-        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed}
+        ranges = {name: list(ends) for name, ends in self._ranges().items()}
+        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed, **ranges}
+
+    def _ranges(self) -> dict[str, tuple[float, float]]:
+        given = {"friction_floor": self.friction_floor, "friction_pusher": self.friction_pusher}
+        return {name: ends for name, ends in given.items() if ends is not None}

@@ -144,7 +144,9 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         latency=latency,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
-    domains = domains or CousinDomains(request.delta, request.from_intervals, request.seed)
+    domains = domains or CousinDomains(
+        request.delta, request.from_intervals, request.seed, request.friction_floor, request.friction_pusher
+    )
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
 
 

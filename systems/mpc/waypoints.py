@@ -137,7 +137,10 @@ class _Search:
         self._options, self._seed, self._begin = options, seed, worlds.begin
         self._replays: Worlds = worlds.task_worlds("state").worlds
         self._start = StartDistribution(self._replays.setup)
-        shape = options.horizon, worlds.setup.task.action_size
+        task = worlds.setup.task
+        allowed = "one with axes x, y and z, and a heading in its recipe"
+        require("waypoints", f"of the task {task.name!r}", Strokes.apply(self._replays), allowed)
+        shape = options.horizon, task.action_size
         self.best = _Plan(Waypoints(), 0.0, np.zeros(shape))
         self.done_steps = 0
         self._plans, self._mean = np.zeros((options.attempts, *shape)), np.zeros(shape)

@@ -41,6 +41,24 @@ class TrainRequest:
         float, option("Relative half-width of the randomisation; 0 for the twin alone.", group=DATA, ge=0, lt=1)
     ] = 0.1
     from_intervals: Annotated[bool, option("Draw identified parameters from the twin's posterior.", group=DATA)] = False
+    friction_floor: Annotated[
+        tuple[float, float] | None,
+        option(
+            "Friction on the floor, drawn for each episode.",
+            group=DATA,
+            metavar="MIN MAX",
+            default="the twin's",
+        ),
+    ] = None
+    friction_pusher: Annotated[
+        tuple[float, float] | None,
+        option(
+            "Friction at the pusher, drawn for each episode.",
+            group=DATA,
+            metavar="MIN MAX",
+            default="the twin's",
+        ),
+    ] = None
     teacher: Annotated[
         Path | None, option("Folder of a state policy to distil.", group=DATA, default="a new one", completes="policy")
     ] = None
