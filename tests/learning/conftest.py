@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import functools
 import shutil
 from pathlib import Path
 
@@ -6,6 +7,16 @@ import pytest
 
 from pinwm_drake.learning.bundle import read_bundle
 from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
+
+
+@pytest.fixture(scope="session", autouse=True)
+def registry():
+    """Operators that torch exports, read once: their sources are parsed for each export otherwise."""
+    from torch.onnx._internal.exporter._registration import ONNXRegistry
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(functools.cache(ONNXRegistry.from_torchlib)))
+        yield
 
 
 @pytest.fixture(scope="session")
