@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: MIT
-import functools
 import shutil
 from pathlib import Path
 
@@ -10,13 +9,8 @@ from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
 
 
 @pytest.fixture(scope="session", autouse=True)
-def registry():
-    """Operators that torch exports, read once: their sources are parsed for each export otherwise."""
-    from torch.onnx._internal.exporter._registration import ONNXRegistry
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(functools.cache(ONNXRegistry.from_torchlib)))
-        yield
+def exports(read_operators_once):
+    """Many of these tests export a policy."""
 
 
 @pytest.fixture(scope="session")
