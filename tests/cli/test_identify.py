@@ -28,7 +28,7 @@ def twin(tmp_path_factory):
 
 
 # The kernels of the other tests.
-QUICK = ("--starts", "1", "--support", "patch", "--threads", "2")
+QUICK = ("--starts", "2", "--support", "patch", "--threads", "2")
 
 
 def test_a_capture_becomes_a_twin(pinwm, capture, twin):
