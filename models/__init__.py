@@ -146,13 +146,14 @@ def model_path(name: str) -> Path:
     Raises:
         InputError: When there is no such model.
     """
-    names = model_names()
-    if name not in names:
+    path = _ROOT / name
+    if path.suffix not in _SUFFIXES or {"", ".", ".."} & set(name.split("/")) or not path.is_file():
+        names = model_names()
         close = difflib.get_close_matches(name, names, n=1)
         hint = f" (did you mean {close[0]}?)" if close else ""
         listed = ", ".join(each for each in names if "/pieces/" not in each)
         raise InputError(_ROOT, value=f"model name {name!r}", allowed=listed + hint)
-    return _ROOT / name
+    return path
 
 
 def resolve(url: str) -> Path:

@@ -3,8 +3,9 @@ import io
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,16 @@ def pinwm() -> Callable[..., tuple[int, str, str]]:
         return code, output.getvalue(), errors.getvalue()
 
     return run
+
+
+@pytest.fixture(scope="session")
+def read_operators_once() -> Iterator[None]:
+    """Makes torch read the operators of ONNX once, and not for each export, which takes half a second."""
+    from torch.onnx._internal.exporter._registration import ONNXRegistry
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(cache(ONNXRegistry.from_torchlib)))
+        yield
 
 
 @pytest.fixture(scope="session")

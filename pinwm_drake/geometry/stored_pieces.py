@@ -4,6 +4,7 @@
 import functools
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +50,8 @@ def mesh_pieces(path: str | os.PathLike[str]) -> list[ConvexPiece]:
     except InputError:
         mesh = load_mesh(path)
     beside = sorted((path.parent / BESIDE).glob("*.obj"))
-    if beside and _belong(pieces := [piece for file in beside for piece in load_pieces(file)], mesh):
-        return pieces
+    if beside and (pieces := _beside(path, tuple(beside), tuple(map(_digest, (path, *beside))))):
+        return list(pieces)
     store = cache_folder() / f"{hashlib.sha256(_WAY + read_bytes(path)).hexdigest()}.npz"
     stored = _read(store)
     if stored is None:
@@ -70,7 +71,7 @@ def mesh_primitives(path: str | os.PathLike[str]) -> tuple[Primitive, ...]:
         GeometryError: The mesh cannot be decomposed.
     """
     path = Path(path)
-    return _primitives(path, hashlib.sha256(read_bytes(path)).hexdigest())
+    return _primitives(path, _digest(path))
 
 
 @functools.lru_cache(maxsize=64)
@@ -79,13 +80,24 @@ def _primitives(path: Path, digest: str) -> tuple[Primitive, ...]:
     return primitives_of(load_mesh(path), mesh_pieces(path))
 
 
+@functools.lru_cache(maxsize=64)
+def _beside(path: Path, files: tuple[Path, ...], digests: tuple[str, ...]) -> tuple[ConvexPiece, ...]:
+    """Pieces in files beside a mesh, all with hashes; none where they do not belong to it."""
+    pieces = tuple(piece for file in files for piece in load_pieces(file))
+    return pieces if _belong(pieces, load_mesh(path)) else ()
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(read_bytes(path)).hexdigest()
+
+
 def cache_folder() -> Path:
     """Folder of the decompositions that this user has made."""
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "pinwm_drake" / "pieces"
 
 
-def _belong(pieces: list[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
+def _belong(pieces: Sequence[ConvexPiece], mesh: trimesh.Trimesh) -> bool:
     """Return True where pieces reach as far as a mesh and fill as much as it does with its closed voids."""
     points = np.concatenate([piece.vertices for piece in pieces])
     apart = np.abs(np.stack([points.min(0), points.max(0)]) - mesh.bounds).max()

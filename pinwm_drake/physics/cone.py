@@ -18,6 +18,8 @@ from torch import Tensor
 _ROUNDS, _STEPS, _HALVINGS, _POLISHES = 60, 60, 50, 12
 # Residual, relative to the step's impulse, of a solution.
 _SMALL = 1e-10
+# Slope at the minimum along a step, relative to the one at its start.
+_FLAT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +69,23 @@ class ContactProblem:
 
 def _slope(problem: ContactProblem, v: Tensor, radius: Tensor | None) -> Tensor:
     """Return the derivative (W, C, 3, 3) of the impulses with respect to v."""
-    with torch.enable_grad():
-        leaf = v.detach().requires_grad_()
-        impulse = problem.contact_impulse(leaf, radius)
-        rows = [torch.autograd.grad(impulse[..., i].sum(), leaf, retain_graph=True)[0] for i in range(3)]
-    return torch.stack(rows, -2)
+    normal, stuck = -v[..., 0] / problem.compliance, 1.0 / problem.compliance
+    bounded = normal.clamp_min(0.0).minimum(problem.limit)
+    by_normal = torch.where((normal >= 0.0) & (normal < problem.limit), -stuck, torch.zeros_like(normal))
+    most = problem.mu * bounded if radius is None else radius
+    speed = v[..., 1:].norm(dim=-1)
+    slides = (speed > 0.0) & (speed > problem.compliance * most)
+    along = v[..., 1:] / torch.where(slides, speed, torch.ones_like(speed))[..., None]
+    gain = torch.zeros(*v.shape, 3, dtype=v.dtype, device=v.device)
+    gain[..., 0, 0] = by_normal
+    eye = torch.eye(2, dtype=v.dtype, device=v.device)
+    across = (most / torch.where(slides, speed, torch.ones_like(speed)))[..., None, None]
+    sliding = -across * (eye - along[..., :, None] * along[..., None, :])
+    gain[..., 1:, 1:] = torch.where(slides[..., None, None], sliding, -stuck * eye)
+    if radius is None:
+        by_cone = torch.where(slides, problem.mu * by_normal, torch.zeros_like(normal))
+        gain[..., 1:, 0] = -by_cone[..., None] * along
+    return gain
 
 
 def _descend(problem: ContactProblem, x: Tensor, radius: Tensor) -> Tensor:
@@ -81,12 +95,15 @@ def _descend(problem: ContactProblem, x: Tensor, radius: Tensor) -> Tensor:
         if bool((residual.abs().amax(-1) <= _SMALL * problem.impulse).all()):
             break
         step = -torch.linalg.solve(problem.derivative(x, radius), residual)
+        start = (residual * step).sum(-1, keepdim=True)
         low = torch.zeros(len(x), 1, dtype=x.dtype, device=x.device)
         high = torch.ones_like(low)
         for _ in range(_HALVINGS):
             share = high if _ == 0 else 0.5 * (low + high)
             slope = (problem.residual(x + share * step, radius) * step).sum(-1, keepdim=True)
-            low, high = torch.where(slope > 0.0, low, share), torch.where(slope > 0.0, share, high)
+            # A slope of rounding's size is the minimum's.
+            past = slope > _FLAT * start.abs()
+            low, high = torch.where(past, low, share), torch.where(past, share, high)
             if bool((low == high).all()):
                 break
         x = x + high * step
@@ -96,7 +113,10 @@ def _descend(problem: ContactProblem, x: Tensor, radius: Tensor) -> Tensor:
 def _polish(problem: ContactProblem, x: Tensor) -> Tensor:
     """Solution near x (W, n), by Newton's method on the equations with their cones."""
     for _ in range(_POLISHES):
-        x = x - torch.linalg.solve(problem.derivative(x), problem.residual(x))
+        residual = problem.residual(x)
+        x = x - torch.linalg.solve(problem.derivative(x), residual)
+        if bool((residual.abs().amax(-1) <= _SMALL * problem.impulse).all()):
+            break  # this step leaves no more than rounding
     return x
 
 

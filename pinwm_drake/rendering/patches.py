@@ -141,8 +141,9 @@ def farthest(points: np.ndarray, taken: np.ndarray, number: int) -> tuple[np.nda
     gaps = cKDTree(taken).query(points)[0] if len(taken) else np.full(len(points), np.inf)
     chosen = np.empty(number, int)
     gap = 0.0
+    x, y, z = np.ascontiguousarray(points.T)
     for i in range(number):
-        chosen[i] = int(np.argmax(gaps))
-        gap = float(gaps[chosen[i]])
-        gaps = np.minimum(gaps, np.sqrt(np.sum((points - points[chosen[i]]) ** 2, 1)))
+        k = chosen[i] = int(np.argmax(gaps))
+        gap = float(gaps[k])
+        gaps = np.minimum(gaps, np.sqrt((x - x[k]) ** 2 + (y - y[k]) ** 2 + (z - z[k]) ** 2))
     return chosen, gap

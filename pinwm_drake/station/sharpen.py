@@ -76,11 +76,11 @@ class Sharpener:
         over = (np.arange(_OVER * max(width, height)) + 0.5) / _OVER
         x, y = np.meshgrid((left + over[: _OVER * width]) / _STEP, (top + over[: _OVER * height]) / _STEP)
         rays = cv2.remap(self._rays, x.astype(np.float32), y.astype(np.float32), cv2.INTER_CUBIC)
-        rays = np.concatenate([rays, np.ones_like(rays[..., :1])], -1)
         R, t = X_CM[:3, :3].astype(np.float32), X_CM[:3, 3].astype(np.float32)
+        rays_M = cv2.transform(rays, R.T)
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = (R[:, 2] @ t) / (rays @ R[:, 2])
-        places = ((depth[..., None] * rays - t) @ R)[..., :2] * np.float32(self._scale) - np.float32(0.5)
+            depth = (R[:, 2] @ t) / rays_M[..., 2:]
+            places = (depth * rays_M[..., :2] - (t @ R)[:2]) * np.float32(self._scale) - np.float32(0.5)
         places = np.nan_to_num(places, nan=-1e4, posinf=-1e4, neginf=-1e4)
         fill = cv2.BORDER_CONSTANT
         drawn = cv2.remap(self._drawn, places, None, cv2.INTER_LINEAR, borderMode=fill, borderValue=255)  # type: ignore[call-overload]

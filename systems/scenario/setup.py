@@ -2,6 +2,7 @@
 """A scenario with everything that its engines need: geometry, theta, appearance and camera, alike for each of them."""
 
 import dataclasses
+import functools
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import object_model
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.painted import painted_surfels
+from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.schema import Scenario, Theta, check_scenario
 from pinwm_drake.systems.scenario.viewpoints import look_at
@@ -120,6 +122,12 @@ def placed_task(task: Task, scenario: Scenario, twin: Twin) -> Task:
     return task.placed(scenario.start.q_WO, load_mesh(twin.mesh_path).vertices, twin.floor_height)
 
 
+@functools.lru_cache(maxsize=8)
+def _painted(visual_path: Path) -> Surfels:
+    """Appearance of an object that ships, which many setups have."""
+    return painted_surfels(visual_path)
+
+
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
     model, theta = object_model(str(scenario.object)), scenario.theta or Theta()
     inertia = mass_properties(load_mesh(model.mesh_path), mass=theta.mass).inertia
@@ -142,7 +150,7 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
         camera_offset=(0.0, 0.0),
-        surfels=painted_surfels(model.visual_path),
+        surfels=_painted(model.visual_path),
         provenance={"scenario": scenario.name},
         acts_as=mesh_primitives(model.mesh_path),
     )

@@ -22,6 +22,8 @@ from tests.learning.bundles import exported, pictures, untrained_policy
 from tests.systems.stations import action_setup
 from tests.systems.view.test_meshcat import packed
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 SIZE = 32
 
 

@@ -15,6 +15,8 @@ from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.policy_scene import policy_spec
 from tests.systems.stations import action_setup
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 SIZE = 32
 
 

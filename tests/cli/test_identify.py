@@ -7,7 +7,9 @@ import pytest
 
 from pinwm_drake import documents
 from pinwm_drake.capture.episode_tables import read_pose_table
+from pinwm_drake.identification import search
 from pinwm_drake.identification.history import read_history
+from pinwm_drake.identification.sampling import sample
 from pinwm_drake.identification.search import Search
 from pinwm_drake.identification.unknowns import DEFAULT_FREE
 from pinwm_drake.twin.read import load_twin
@@ -31,7 +33,8 @@ def twin(tmp_path_factory):
 QUICK = ("--starts", "2", "--support", "patch", "--threads", "2")
 
 
-def test_a_capture_becomes_a_twin(pinwm, capture, twin):
+def test_a_capture_becomes_a_twin(pinwm, capture, twin, monkeypatch):
+    monkeypatch.setattr(search, "sample", lambda *given, moves, **options: sample(*given, moves=12, **options))
     code, output, errors = pinwm("identify", str(capture), str(twin), *QUICK)
     assert (code, errors) == (0, "")
     assert "friction_floor" in output

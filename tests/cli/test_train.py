@@ -17,6 +17,8 @@ from pinwm_drake.experiments.training import can_go_on
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 SHORT = ["--worlds", "4", "--image-size", "32", "--threads", "1", "--episodes", "4"]
 CLOSER = ["--tolerance", 0.01, "--turn-tolerance", 0.1]
 TINY = ["--images", "200", "--updates", "10"]

@@ -15,6 +15,8 @@ from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.safety import default_limits
 from tests.learning.bundles import exported, image_spec, untrained_policy
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 ROOT = Path(__file__).resolve().parents[2]
 H = 0.1
 

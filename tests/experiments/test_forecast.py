@@ -13,6 +13,8 @@ from pinwm_drake.learning.progress import Step
 from pinwm_drake.learning.sac import SacOptions
 from tests.learning.bundles import image_spec
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 SHORT = {"worlds": 4, "image_size": 48, "frames": 2, "threads": 1, "episodes": 4}
 
 

@@ -18,6 +18,8 @@ from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.systems.envs.env import TaskEnv
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 GOAL = (0.05, -0.04, 2.0)
 
 

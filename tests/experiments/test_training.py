@@ -19,6 +19,8 @@ from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
 from pinwm_drake.twin.twin import Estimate
 from pinwm_drake.twin.write import write_twin
 
+pytestmark = pytest.mark.usefixtures("read_operators_once")
+
 
 @pytest.mark.parametrize(
     ("algorithm", "worlds", "steps"),

@@ -16,6 +16,7 @@ from pinwm_drake.guide import runs
 from pinwm_drake.guide.keep import put_in_place
 from pinwm_drake.guide.lab import LabFolder
 from pinwm_drake.guide.runs import REPLACED, run_mesh, run_push
+from pinwm_drake.station import episode
 from pinwm_drake.station.episode import Sources, add_episode
 from tests.station.drawn_push import draw_push, write_csv_log, write_drawn_capture, write_mp4
 
@@ -23,6 +24,22 @@ from tests.station.drawn_push import draw_push, write_csv_log, write_drawn_captu
 @pytest.fixture(scope="module")
 def push():
     return draw_push()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def clocks():
+    """The clock of a film is found once; how it is found is not looked at here."""
+    known, find = {}, episode.find_clock
+
+    def find_once(film, path, **options):
+        key = film.t.tobytes(), *(frame.tobytes() for frame in film.frames)
+        if key not in known:
+            known[key] = find(film, path, **options)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(episode, "find_clock", find_once)
+        yield
 
 
 @pytest.fixture

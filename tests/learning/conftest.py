@@ -8,6 +8,11 @@ from pinwm_drake.learning.bundle import read_bundle
 from tests.learning.bundles import SCENE, exported, image_spec, untrained_policy
 
 
+@pytest.fixture(scope="session", autouse=True)
+def exports(read_operators_once):
+    """Many of these tests export a policy."""
+
+
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory) -> Path:
     """The bundle of a policy of one small image."""

@@ -57,13 +57,21 @@ def test_the_student_learns_to_act_from_images(tmp_path, teacher):
     assert found.success_rate > 0.9
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, teacher):
+    """Policy of a distillation that nobody kills."""
+    run = StageRun(tmp_path_factory.mktemp("whole"), "distil")
+    return train_distil(ToyWorlds(), teacher, toy_spec("rgb"), SHORT, run)
+
+
 # While images of the third round are collected, and after all and four of the eight updates of the second.
 @pytest.mark.parametrize(("done", "updates"), [(0.51, 0), (0.5, 8), (0.41, 4)])
-def test_a_distillation_that_was_killed_goes_on_with_the_same_result(tmp_path, teacher, monkeypatch, done, updates):
+def test_a_distillation_that_was_killed_goes_on_with_the_same_result(
+    tmp_path, teacher, whole, monkeypatch, done, updates
+):
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
     monkeypatch.setattr(distil, "_TOLD", 4)
     spec = toy_spec("rgb")
-    whole = train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path / "a", "distil"))
 
     def kill(step):
         if step.done >= done:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import csv
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -85,6 +85,19 @@ def often(monkeypatch):
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Of a learner, its policy after a training that nobody kills, and the rounds that it begins."""
+
+    @cache
+    def train(observes, auxiliary):
+        begun, folder = [], tmp_path_factory.mktemp("whole")
+        worlds, short = ToyWorlds(images=observes == "rgb"), replace(SHORT, auxiliary=auxiliary)
+        return train_ppo(worlds, toy_spec(observes), short, StageRun(folder, "ppo", on_round=begun.append)), begun
+
+    return train
+
+
 # The first report is that of the beginning; then one for each of a round's two rollouts, and one for the round. A round
 # is kept before its second rollout, so that after the sixth report, in the second round, its first one is not redone.
 @pytest.mark.parametrize(
@@ -96,10 +109,11 @@ def often(monkeypatch):
     ],
 )
 @pytest.mark.usefixtures("often")
-def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, observes, auxiliary, reports, redone, kept):
-    spec, begun, images, short = toy_spec(observes), [], observes == "rgb", replace(SHORT, auxiliary=auxiliary)
-    whole = train_ppo(ToyWorlds(images=images), spec, short, StageRun(tmp_path / "a", "ppo", on_round=begun.append))
-
+def test_a_training_that_was_killed_goes_on_with_the_same_result(
+    tmp_path, whole, observes, auxiliary, reports, redone, kept
+):
+    spec, images, short = toy_spec(observes), observes == "rgb", replace(SHORT, auxiliary=auxiliary)
+    policy, begun = whole(observes, auxiliary)
     told = []
 
     def kill(step):
@@ -112,7 +126,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, obser
     again, told = [], []
     follow = {"on_round": again.append, "report": told.append}
     rest = train_ppo(ToyWorlds(images=images), spec, short, StageRun(tmp_path / "b", "ppo", resume=True, **follow))
-    assert same(weights(whole), weights(rest))
+    assert same(weights(policy), weights(rest))
     assert len(begun) == 4
     assert begun[-redone:] == again
     assert len(told) == 1 + 3 * redone - kept

@@ -61,13 +61,23 @@ def test_it_learns_from_the_state_and_ends_when_rounds_bring_no_more(tmp_path):
     assert len(lengths) == lengths.index(min(lengths)) + 2 < 20
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Policy of a training that nobody kills, the rounds that it begins, and its folder."""
+    folder, begun = tmp_path_factory.mktemp("whole"), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rounds, "_PERIOD", 0.0)
+        patch.setattr(sac, "_TOLD", 1)
+        policy = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(folder, "sac", on_round=begun.append))
+    return policy, begun, folder
+
+
 # Eight actions of all worlds a round, the first three random. Reports: the beginning, one an action, the round's end.
 @pytest.mark.parametrize(("reports", "redone", "kept"), [(3, 3, 1), (6, 3, 4), (12, 2, 1), (26, 1, 6)])
-def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monkeypatch, reports, redone, kept):
+def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monkeypatch, whole, reports, redone, kept):
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
     monkeypatch.setattr(sac, "_TOLD", 1)
-    begun, again, told = [], [], []
-    whole = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path / "a", "sac", on_round=begun.append))
+    (policy, begun, folder), again, told = whole, [], []
 
     def kill(step):
         told.append(step)
@@ -79,12 +89,12 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(tmp_path, monke
     told = []
     follow = {"on_round": again.append, "report": told.append}
     rest = train_sac(ToyWorlds(images=False), SPEC, SHORT, StageRun(tmp_path / "b", "sac", resume=True, **follow))
-    assert same(weights(whole), weights(rest))
+    assert same(weights(policy), weights(rest))
     assert begun[-redone:] == again
     assert len(told) == 1 + 9 * redone - kept
     rows = _history(tmp_path / "b")
     assert [int(row["steps"]) for row in rows] == [64, 128, 192]
-    both = [np.load(tmp_path / run / "checkpoint.npz") for run in "ab"]
+    both = [np.load(run / "checkpoint.npz") for run in (folder, tmp_path / "b")]
     names = [name for name in both[0].files if name not in ("about", "history")]
     assert {name.split("/")[0] for name in names if not name.startswith("best.")} == {
         "actor",

@@ -14,16 +14,20 @@ def flatten(parameters, state, V_WP):
     return dict(zip([*names, "V_WP"], [*values, V_WP], strict=True))
 
 
-def rollout_loss(stepper, inputs, cotangents, record_every):
-    """A fixed random linear functional of all recorded frames; quaternions and inertia are kept admissible."""
+def rollout_frames(stepper, inputs, record_every):
+    """A rollout from flat inputs; quaternions and inertia are kept admissible."""
     unit = {n: inputs[n] / inputs[n].norm(dim=-1, keepdim=True) for n in ("q_WB", "q_WP")}
     inertia = 0.5 * (inputs["inertia"] + inputs["inertia"].mT)
-    frames = stepper.rollout(
+    return stepper.rollout(
         Parameters(**{n: inertia if n == "inertia" else inputs[n] for n in Parameters.__dataclass_fields__}),
         State(unit["q_WB"], inputs["p_WB"], inputs["V_WB"], unit["q_WP"], inputs["p_WP"]),
         inputs["V_WP"],
         record_every=record_every,
     )
+
+
+def functional(frames, cotangents):
+    """A fixed linear functional of all recorded frames."""
     return sum((cotangents[n] * getattr(frames, n)).sum() for n in cotangents)
 
 
@@ -35,10 +39,12 @@ def make_cotangents(inputs, frames, generator):
 
 
 def gradients(stepper, inputs, cotangents, record_every):
+    """Recorded frames of a rollout, and the gradients of their functional by input."""
     leaves = {n: value.clone().requires_grad_() for n, value in inputs.items()}
-    rollout_loss(stepper, leaves, cotangents, record_every).backward()
+    frames = rollout_frames(stepper, leaves, record_every)
+    functional(frames, cotangents).backward()
     zero = {n: torch.zeros_like(value) for n, value in inputs.items()}
-    return {n: zero[n] if leaf.grad is None else leaf.grad for n, leaf in leaves.items()}
+    return frames, {n: zero[n] if leaf.grad is None else leaf.grad for n, leaf in leaves.items()}
 
 
 def central_difference(stepper, inputs, cotangents, record_every, name, direction, step):
@@ -47,7 +53,7 @@ def central_difference(stepper, inputs, cotangents, record_every, name, directio
     def at(scale):
         moved = {**inputs, name: inputs[name] + scale * step * direction}
         with torch.no_grad():
-            return float(rollout_loss(stepper, moved, cotangents, record_every))
+            return float(functional(rollout_frames(stepper, moved, record_every), cotangents))
 
     near, far = (at(1.0) - at(-1.0)) / (2.0 * step), (at(2.0) - at(-2.0)) / (4.0 * step)
     return (4.0 * near - far) / 3.0

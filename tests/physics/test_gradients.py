@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from pinwm_drake.physics.stepper import Stepper
-from tests.physics.gradients import central_difference, flatten, gradients, make_cotangents, rollout_loss
+from tests.physics.gradients import central_difference, flatten, functional, gradients, make_cotangents, rollout_frames
 from tests.physics.scenes import nominal, push_model, push_start, straight_push
 
 STEPS, EVERY = 320, 10  # 32 frames of 10 steps
@@ -29,7 +29,7 @@ def push(request):
     parameters = nominal(model, friction_floor=0.03, friction_pusher=0.03)
     inputs = flatten(parameters, push_start(model), straight_push(STEPS))
     cotangents = make_cotangents(inputs, STEPS // EVERY + 1, torch.Generator().manual_seed(1))
-    return stepper, inputs, cotangents, gradients(stepper, inputs, cotangents, EVERY)
+    return stepper, inputs, cotangents, gradients(stepper, inputs, cotangents, EVERY)[1]
 
 
 @pytest.mark.parametrize("name", PLANAR)
@@ -55,13 +55,13 @@ def test_restitution_has_the_derivative_towards_larger_values(pusher):
     stepper, parameters = Stepper(model), nominal(model, friction_floor=0.0, friction_pusher=0.03)
     inputs = flatten(parameters, push_start(model), straight_push(STEPS))
     cotangents = make_cotangents(inputs, STEPS // EVERY + 1, torch.Generator().manual_seed(1))
-    analytic = float(gradients(stepper, inputs, cotangents, EVERY)["restitution"].sum())
+    analytic = float(gradients(stepper, inputs, cotangents, EVERY)[1]["restitution"].sum())
     ones = torch.ones_like(inputs["restitution"])
     step, value = 1e-6, {}
     for scale in range(3):
         moved = {**inputs, "restitution": scale * step * ones}
         with torch.no_grad():
-            value[scale] = float(rollout_loss(stepper, moved, cotangents, EVERY))
+            value[scale] = float(functional(rollout_frames(stepper, moved, EVERY), cotangents))
     one_sided = (-3.0 * value[0] + 4.0 * value[1] - value[2]) / (2.0 * step)
     # A one-sided second-order difference: error of order step, amplified by the push's length.
     assert one_sided == pytest.approx(analytic, rel=1e-3)

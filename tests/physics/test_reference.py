@@ -32,12 +32,12 @@ def compare(model, parameters, state, V_WP, record_every=1, backward=BACKWARD):
     frames = V_WP.shape[0] // record_every + 1
     cotangents = make_cotangents(inputs, frames, torch.Generator().manual_seed(3))
     fast, slow = Stepper(model), Stepper(model, backend="torch")
+    (c, ours), (b, theirs) = (gradients(one, inputs, cotangents, record_every) for one in (fast, slow))
     with torch.no_grad():
         a = fast.rollout(parameters, state, V_WP, record_every=record_every)
-        b = slow.rollout(parameters, state, V_WP, record_every=record_every)
     for name in State.__dataclass_fields__:
         torch.testing.assert_close(getattr(a, name), getattr(b, name), rtol=FORWARD, atol=FORWARD)
-    ours, theirs = (gradients(s, inputs, cotangents, record_every) for s in (fast, slow))
+        torch.testing.assert_close(getattr(c, name), getattr(b, name), rtol=FORWARD, atol=FORWARD)
     for name in inputs:
         scale = float(theirs[name].abs().max())
         torch.testing.assert_close(ours[name], theirs[name], rtol=0.0, atol=backward * scale + 1e-10, msg=name)
@@ -86,7 +86,7 @@ def test_tumbling_worlds_agree(seed):
     compare(model, parameters, state, torch.zeros(12, W, 6, dtype=torch.float64), record_every=3)
 
 
-@pytest.mark.parametrize("steps", [6, pytest.param(12, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("steps", [3, pytest.param(12, marks=pytest.mark.nightly)])
 def test_bodies_that_touch_each_other_agree(steps):
     model = Model(bodies=[cube("a"), cube("b", edge=0.04, mass=0.2), ball()], pusher=[sphere(0.01)])
     parameters = nominal(model, friction_floor=0.3, friction_bodies=0.4, restitution_bodies=0.2)

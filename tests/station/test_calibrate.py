@@ -33,13 +33,19 @@ def test_a_fixed_camera_is_within_its_bars(fixed):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"model": "fisheye"}, pytest.param({"mount": "hand"}, marks=pytest.mark.nightly)],
-    ids=["fisheye", "hand"],
+    [
+        {"model": "fisheye", "numbers": SMALL},
+        *(
+            pytest.param(settings | {"numbers": NUMBERS}, marks=pytest.mark.nightly)
+            for settings in ({"model": "fisheye"}, {"mount": "hand"})
+        ),
+    ],
+    ids=["fisheye", "fisheye with all photos", "hand"],
 )
 def test_other_cameras_are_within_their_bars(tmp_path, settings):
-    truth = RenderedLab(2, numbers=NUMBERS, **settings)
+    truth = RenderedLab(2, **settings)
     scored = score(truth, calibration_of(load_lab(truth.write(tmp_path))))
-    assert scored["median"] < 2 * MEDIAN  # half the poses of the benchmark
+    assert scored["median"] < 2 * MEDIAN  # half the poses of the benchmark, or fewer
     assert scored["worst"] < WORST
     assert scored["tilt"] < TILT
 
@@ -85,11 +91,11 @@ def test_a_camera_that_is_moved_between_sets_is_named(tmp_path, step):
 
 def test_a_camera_that_is_moved_within_a_set_is_named_by_the_robot_where_nothing_stands_still(tmp_path):
     step = rigid([0.01, 0, 0.005], [0, 0.01, 0])
-    truth = RenderedLab(2, numbers=(5, 12, 3), textured=False, moved=(step, 7))
+    truth = RenderedLab(2, numbers=(5, 9, 3), textured=False, moved=(step, 5))
     message = refusal(truth.write(tmp_path))
-    assert "the camera was moved between robot/0006.jpg and robot/0007.jpg" in message
+    assert "the camera was moved between robot/0004.jpg and robot/0005.jpg" in message
     place, turn = map(float, re.search(r"by (\S+) mm and (\S+) degrees", message).groups())
-    # Robot's noise of 1 mm, and of 0.1 degrees at 0.8 m, over 7 and 5 poses is 1 mm and 0.06 degrees; four times that.
+    # Robot's noise of 1 mm, and of 0.1 degrees at 0.8 m, over 5 and 4 poses is 1 mm and 0.06 degrees; four times that.
     assert place == pytest.approx(1e3 * np.hypot(0.01, 0.005), abs=4)
     assert turn == pytest.approx(np.degrees(0.01), abs=0.24)
 

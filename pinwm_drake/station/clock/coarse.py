@@ -80,7 +80,7 @@ def stillness(film: PusherFilm, offset: float, rate: float = 1.0) -> float:
 
 def standardised(film: PusherFilm, patches: np.ndarray) -> np.ndarray:
     """Patches (n, rows, columns, c) as rows (n, k) without their mean, of unit norm where they have contrast."""
-    taper = film.taper[:, None]
-    mean = (patches * taper).sum((1, 2), keepdims=True) / (taper.sum() * patches.shape[1])
-    flat = ((patches - mean) * np.sqrt(taper)).reshape(len(patches), -1)
-    return flat / (np.linalg.norm(flat, axis=1, keepdims=True) + _CONTRAST)
+    taper = film.taper.astype(np.float32)
+    mean = patches.sum(1).transpose(0, 2, 1) @ taper / (taper.sum() * patches.shape[1])
+    flat = ((patches - mean[:, None, None]) * np.sqrt(taper)[:, None]).reshape(len(patches), -1)
+    return flat / (np.linalg.norm(flat, axis=1, keepdims=True) + np.float32(_CONTRAST))

@@ -69,7 +69,7 @@ def test_a_recording_is_the_pushers_log_and_the_objects_poses(recorder):
     push = choose_push(
         standing("cube"), X_WO.translation(), SPHERE, np.random.default_rng(0), height=0.03, speed=0.1, distance=0.02
     )
-    number = 13
+    number = 9
     recording = recorder.push(X_WO, push, number)
     log, poses = recording.trajectory, recording.object_poses
     np.testing.assert_allclose(recording.t, np.arange(number) / 24)

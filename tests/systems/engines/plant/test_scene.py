@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,11 +29,17 @@ def settled(scene, height):
     return scene.pose(simulator)
 
 
+@cache
+def standing(name, friction, contact):
+    """A scene, and the pose of its object at rest."""
+    scene = bench(name, friction, contact=contact)
+    return scene, settled(scene, base_of(name)[0])
+
+
 @pytest.mark.parametrize(("name", "friction", "contact"), CASES)
 def test_objects_stand_on_the_floor_without_sinking_or_creeping(name, friction, contact):
     height, _, _ = base_of(name)
-    scene = bench(name, friction, contact=contact)
-    X_WO = settled(scene, height)
+    scene, X_WO = standing(name, friction, contact)
     # Weight over area of the base, over the floor's 3e9 Pa/m: 0.4 to 0.9 µm. In point contact a twelfth of the weight
     # over 1e6 N/m, 0.8 µm; the spheres stand out by 10 µm.
     stands = height if contact == "hydroelastic" else height + SUPPORT_RADIUS
@@ -45,9 +52,7 @@ def test_objects_stand_on_the_floor_without_sinking_or_creeping(name, friction, 
 
 @pytest.mark.parametrize(("name", "friction", "contact"), CASES)
 def test_a_sliding_object_stops_after_v2_over_2_mu_g(name, friction, contact):
-    height, _, _ = base_of(name)
-    scene = bench(name, friction, contact=contact)
-    X_WO, v = settled(scene, height), SLIDES[friction]
+    (scene, X_WO), v = standing(name, friction, contact), SLIDES[friction]
     simulator = scene.start(X_WO, [0, 0, 0, v, 0, 0])
     simulator.AdvanceTo(v / (friction * GRAVITY) + 0.02)
     moved = scene.pose(simulator).translation() - X_WO.translation()
@@ -63,9 +68,8 @@ def test_a_sliding_object_stops_after_v2_over_2_mu_g(name, friction, contact):
 @pytest.mark.parametrize(("name", "friction", "contact"), CASES)
 def test_a_spinning_object_stops_by_the_torque_of_uniform_pressure(name, friction, contact):
     # Torque about the middle: μ m g times the mean distance of the base from it.
-    height, radius, inertia = base_of(name)
-    scene = bench(name, friction, contact=contact)
-    X_WO, w = settled(scene, height), {0.03: 2.0, 0.1: 3.0, 0.3: 6.0}[friction]
+    _, radius, inertia = base_of(name)
+    (scene, X_WO), w = standing(name, friction, contact), {0.03: 2.0, 0.1: 3.0, 0.3: 6.0}[friction]
     slowing = friction * GRAVITY * radius / inertia
     simulator = scene.start(X_WO, [0, 0, w, 0, 0, 0])
     simulator.AdvanceTo(0.5 * w / slowing)
