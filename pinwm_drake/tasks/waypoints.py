@@ -22,18 +22,27 @@ class Waypoints:
         object_state: (n, 13) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
         p_WP: (n, 3) m, world: positions of the pusher.
         action: (n, k) in [-1, 1], of norm 1 at most, along the task's axes.
+        past: (n, m, k) the actions that were asked for before, the newest first; m is 0 where actions are not late.
     """
 
     object_state: np.ndarray = field(default_factory=lambda: np.zeros((0, 13)))
     p_WP: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     action: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    past: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
     def __len__(self) -> int:
         return len(self.p_WP)
 
+    def before(self, row: int, number: int) -> np.ndarray:
+        """Actions (number, k) that were asked for before a waypoint, the newest first; zeros where none are known."""
+        found = np.zeros((number, self.action.shape[1]))
+        known = self.past[row : row + 1, :number].reshape(-1, found.shape[1])
+        found[: len(known)] = known
+        return found
+
     def digest(self) -> str | None:
         """SHA-256 of states and actions, which tells waypoints apart; None without any."""
-        parts = (self.object_state, self.p_WP, self.action)
+        parts = (self.object_state, self.p_WP, self.action, self.past)
         return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest() if len(self) else None
 
     def write(self, folder: Path, about: Mapping[str, object], **more: np.ndarray) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """A station that is driven action by action, by translations of the pusher."""
 
+import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,10 +15,12 @@ from pinwm_drake.systems.engines.twin.domains import SetDomain
 from pinwm_drake.systems.engines.twin.world_model import WorldModel
 from pinwm_drake.systems.envs.options import longest_translation
 from pinwm_drake.systems.ports import free_with
+from pinwm_drake.systems.sampling import whole_multiple
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 from pinwm_drake.systems.station.station import make_station
 
+_MOST_PARTS = 8
 FAILURES = (SolverError, RuntimeError)  # errors of the twin's physics, and of Drake's plants
 
 
@@ -28,6 +31,7 @@ class StationRun:
         setup: The scene, as `environment_setup` makes it.
         engine: "twin", "hydroelastic" or "point"; None for that of the scenario.
         max_translation: m, the longest in an action; None for the longest that the pusher's speed allows.
+        parts: Number of equal parts of an action, each of which may have a translation of its own.
 
     Attributes:
         station: The station; its input is `pusher_translation_W`.
@@ -38,10 +42,12 @@ class StationRun:
         ParameterError: The translation is not positive, or longer than the pusher's speed allows.
     """
 
-    def __init__(self, setup: Setup, engine: str | None, max_translation: float | None) -> None:
+    def __init__(self, setup: Setup, engine: str | None, max_translation: float | None, parts: int = 1) -> None:
         self.max_translation = longest_translation(setup, max_translation)
         self.setup, self.num_worlds = setup, setup.scenario.num_worlds
-        self.station = make_station(setup, engine, command="translation")
+        self._parts, inner = parts, _divided(setup, parts)
+        self._period = inner.period
+        self.station = make_station(inner, engine, command="translation")
         self.world_model = self.station.world
         self._simulator = Simulator(self.station)
         free_with(self, self.station)
@@ -132,12 +138,28 @@ class StationRun:
     def advance(self, action: np.ndarray) -> None:
         """Simulate one action (W, action_size) in [-1, 1], along the axes of the scene's task.
 
+        The worlds of a twin stay at its beginning where it fails.
+
+        Args:
+            action: (W, action_size) of the whole action, or (parts, W, action_size) of its parts.
+
         Raises:
             SolverError, RuntimeError: The contacts have no solution that is found; see `FAILURES`.
         """
-        d_W = self.setup.task.translation(action, self.max_translation)
-        self._d_W.GetMutableData().get_mutable_value().SetFromVector(d_W.ravel())
-        self._simulator.AdvanceTo((self._actions + 1) * self.setup.period)
+        each = np.broadcast_to(action, (self._parts, *np.shape(action)[-2:]))
+        groups = range(len(self._begin) if self._parts > 1 and self.world_model is not None else 0)
+        before = [self._context.get_discrete_state(group).value().copy() for group in groups]
+        for number, part in enumerate(each, 1):
+            d_W = self.setup.task.translation(part, self.max_translation) / self._parts
+            self._d_W.GetMutableData().get_mutable_value().SetFromVector(d_W.ravel())
+            try:
+                self._simulator.AdvanceTo((self._actions * self._parts + number) * self._period)
+            except FAILURES:
+                if before:
+                    self._context.SetTime(self._actions * self.setup.period)
+                for group, values in enumerate(before):
+                    self._context.SetDiscreteState(group, values)
+                raise
         self._actions += 1
 
     @property
@@ -158,3 +180,19 @@ class StationRun:
         """Images (m, height, width, 4) uint8 RGBA of the twin's worlds with indices (m,), without rendering others."""
         model = self._world_model
         return model.TakePictures(model.GetMyContextFromRoot(self._context), worlds)
+
+
+def most_parts(setup: Setup) -> int:
+    """Return the number of equal parts of an action, at most 8, of whole steps of the twin and of the plants."""
+    steps = setup.scenario.physics.steps_per_update
+    plant = whole_multiple("pusher.horizon", setup.period, setup.plant_time_step, "plant.time_step")
+    return next(parts for parts in range(_MOST_PARTS, 0, -1) if steps % parts == 0 and plant % parts == 0)
+
+
+def _divided(setup: Setup, parts: int) -> Setup:
+    """Return the setup whose worlds and pusher take a command for each of the equal parts of an action."""
+    scenario = setup.scenario
+    physics = dataclasses.replace(scenario.physics, steps_per_update=scenario.physics.steps_per_update // parts)
+    pusher = dataclasses.replace(scenario.pusher, horizon=scenario.pusher.horizon / parts)
+    scenario = dataclasses.replace(scenario, physics=physics, pusher=pusher)
+    return setup if parts == 1 else dataclasses.replace(setup, scenario=scenario, period=setup.period / parts)

@@ -16,7 +16,7 @@ from pinwm_drake.errors import ParameterError, require
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observation, Observer
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
-from pinwm_drake.systems.envs.station_run import FAILURES, StationRun
+from pinwm_drake.systems.envs.station_run import FAILURES, StationRun, most_parts
 from pinwm_drake.systems.scenario.load import Scene, load_setup
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.tasks.task import Progress
@@ -107,13 +107,14 @@ class Worlds:
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
         self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
-        self.run = StationRun(self.setup, engine, options.max_translation)
+        parts = most_parts(self.setup) if any(options.latency) else 1
+        self.run = StationRun(self.setup, engine, options.max_translation, parts)
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames, options.history)
         self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
-        self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task)
+        self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task, parts)
         if any(options.view):
             require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC
@@ -171,14 +172,15 @@ class Worlds:
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
             generator, given = self._random[world], options[world] if options else None
+            self._delay.begin(world, generator)
             if not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
+                self._delay.recall(world, self.waypoints.before(row, self._delay.depth))
             else:
                 drawn = self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
-            self._delay.begin(world, generator)
         self._steps[worlds] = 0
         self._take_state()
         self._observer.forget(self._object_state, self._p_WP, self._goal, worlds)
@@ -186,6 +188,11 @@ class Worlds:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
             self._observer.begin(worlds, self._spoilt(images, worlds))
+
+    @property
+    def actions_before(self) -> int:
+        """Number of past actions on which it may depend what the pushers do next; 0 without a latency."""
+        return self._delay.depth
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
         """Put every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.

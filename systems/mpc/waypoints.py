@@ -265,13 +265,18 @@ class _Search:
         wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
         noise = self._noise(W, self._options.noise, generator)
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
-        for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
+        asked = np.clip(wanted + noise, -1.0, 1.0)
+        for going, out in carried_out(worlds, asked):
             seen.append(_states(worlds))
             went.append(going)
             success |= going & out.terminated & (worlds.task.worth(out.progress) > _WORTH)
         kept = np.array(went) & success  # (T, W)
         object_state, p_WP = (np.array(column)[:-1][kept] for column in zip(*seen, strict=True))
-        found = Waypoints(object_state, p_WP, wanted.swapaxes(0, 1)[: len(kept)][kept])
+        depth, (_, horizon, n) = worlds.actions_before, asked.shape
+        bounded = self._bounded(asked.reshape(-1, n)).reshape(asked.shape)
+        earlier = np.concatenate([np.zeros((W, depth, n)), bounded], axis=1)
+        past = np.stack([earlier[:, k : k + depth][:, ::-1] for k in range(horizon)])  # (T, W, depth, n)
+        found = Waypoints(object_state, p_WP, wanted.swapaxes(0, 1)[: len(kept)][kept], past[: len(kept)][kept])
         return found, float(success.mean())
 
 

@@ -11,35 +11,52 @@ from pinwm_drake.tasks.push import PushTask
 ACTIONS = np.array([[1.0, 0.0], [0.0, 0.5], [-1.0, 0.0], [0.6, -0.8], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 
 
-def delayed(latency, world=0):
-    delay = Delay((latency, latency), 0.1, 1, PushTask())
+def delayed(latency, parts=1, world=0):
+    delay = Delay((latency, latency), 0.1, 1, PushTask(), parts)
     delay.begin(world, np.random.default_rng(0))
-    return np.concatenate([delay(action[None]) for action in ACTIONS])
+    return np.stack([delay(action[None])[:, 0] for action in ACTIONS])
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.03, 0.1, 0.15, 0.2, 0.249])
-def test_what_takes_effect_is_the_mean_of_what_was_asked_for_so_much_before(latency):
+@pytest.mark.parametrize("parts", [1, 4])
+@pytest.mark.parametrize("latency", [0.03, 0.1, 0.15, 0.2, 0.249])
+def test_what_takes_effect_is_the_mean_of_what_was_asked_for_so_much_before(latency, parts):
     # The velocity that is asked for, at 10,000 samples a second.
     fine = np.repeat(ACTIONS, 1000, axis=0)
     late = np.concatenate([np.zeros((round(latency * 10_000), 2)), fine])[: len(fine)]
-    np.testing.assert_allclose(delayed(latency), late.reshape(len(ACTIONS), 1000, 2).mean(1), atol=1e-12)
+    mean = late.reshape(len(ACTIONS), parts, 1000 // parts, 2).mean(2)
+    np.testing.assert_allclose(delayed(latency, parts), mean, atol=1e-12)
+
+
+def test_without_a_latency_actions_stay_as_they_are():
+    assert np.array_equal(delayed(0.0)[:, 0], ACTIONS)
 
 
 def test_an_action_that_is_too_long_is_shortened_before_it_is_mixed_with_others():
     delay = Delay((0.05, 0.05), 0.1, 1, PushTask())
     delay.begin(0, np.random.default_rng(0))
-    np.testing.assert_allclose(delay(np.array([[1.0, 1.0]])), [[0.5**1.5, 0.5**1.5]])
+    np.testing.assert_allclose(delay(np.array([[1.0, 1.0]]))[0], [[0.5**1.5, 0.5**1.5]])
 
 
 def test_each_world_has_a_latency_of_its_own_which_an_episode_draws():
     delay, generator = Delay((0.0, 0.15), 0.1, 200, PushTask()), np.random.default_rng(1)
     for world in range(200):
         delay.begin(world, generator)
-    moved = delay(np.tile([1.0, 0.0], (200, 1)))[:, 0]
+    moved = delay(np.tile([1.0, 0.0], (200, 1)))[0, :, 0]
     assert np.mean(moved == 0.0) == pytest.approx(1 / 3, abs=0.1)  # 100 to 150 ms
     assert 0.0 <= moved.min() < moved.max() <= 1.0
     delay.begin(3, generator)
-    assert delay(np.zeros((200, 2)))[3, 0] == 0.0  # The action before was of another episode.
+    assert delay(np.zeros((200, 2)))[0, 3, 0] == 0.0  # The action before was of another episode.
+
+
+def test_actions_that_were_asked_for_before_an_episode_take_effect_in_it():
+    delay = Delay((0.15, 0.15), 0.1, 2, PushTask(), 2)
+    for world in range(2):
+        delay.begin(world, np.random.default_rng(0))
+    assert delay.depth == 2
+    delay.recall(1, np.array([[0.5, 0.0], [0.0, 0.25]]))
+    moved = delay(np.zeros((2, 2)))
+    assert not moved[:, 0].any()
+    np.testing.assert_allclose(moved[:, 1], [[0.0, 0.25], [0.5, 0.0]], atol=1e-12)
 
 
 @pytest.mark.parametrize("latency", [(-0.1, 0.0), (0.2, 0.1), (0.0, float("nan")), (0.0, float("inf"))])
@@ -55,6 +72,15 @@ def test_the_pusher_of_an_environment_is_late():
     states = {env: [env.step(np.array(action, np.float32))[0] for action in ACTIONS] for env in (prompt, late)}
     pushers = {env: np.array(seen)[:, 9:11] for env, seen in states.items()}
     np.testing.assert_allclose(pushers[late][1:], pushers[prompt][:-1], atol=1e-6)
+
+
+def test_a_pusher_that_is_half_an_action_late_turns_round_in_the_middle_of_one():
+    late = TaskEnv("push_t", "twin", latency=(0.05, 0.05))
+    late.reset(seed=4)
+    begun = late.run.p_WP[0, 0]
+    back = [late.step(np.array([x, 0.0], np.float32)) and late.run.p_WP[0, 0] - begun for x in (-1.0, 1.0, 0.0)]
+    longest = late.run.max_translation
+    np.testing.assert_allclose(back, [-0.5 * longest, -0.5 * longest, 0.0], atol=1e-9)
 
 
 def test_worlds_that_are_late_go_on_as_they_were_kept():
