@@ -27,6 +27,9 @@ def train(request: TrainRequest) -> None:
         training.check_new(request)
         with occupying(out):  # before the forecast, which takes a while
             if not request.resume:
+                for name, (low, high) in training.wide_frictions(request).items():
+                    option = f"--{name.replace('_', '-')}"
+                    say(f"{name} is {low:.2g} to {high:.2g}: each episode draws its own; {option} sets a range")
                 with stages_bar(transient=True) as show:
                     show("forecasting", 0.0, "a brief training of each stage")
                     found = forecast(

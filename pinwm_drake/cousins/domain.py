@@ -5,7 +5,7 @@ Cousins of a twin are domains; methods that randomise otherwise differ from them
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -15,6 +15,7 @@ from pinwm_drake.cousins.cousin import Cousin, CousinDraw
 from pinwm_drake.errors import require
 from pinwm_drake.twin.twin import Twin
 
+_FRICTION = ("friction_floor", "friction_pusher")
 _FRICTIONS = 2  # part of a cousin's draws; its physics and looks are parts 0 and 1
 DomainDraw = Callable[[int], Cousin]
 
@@ -40,6 +41,7 @@ class CousinDomains:
         seed: Seed of the draws, 0 or more.
         friction_floor, friction_pusher: Least and largest friction, drawn evenly in the place of the twin's; None for
             that of the cousins.
+        widen: Flag: a friction whose identified interval is wider than delta is drawn from the twin's posterior.
     """
 
     delta: float = 0.1
@@ -47,6 +49,7 @@ class CousinDomains:
     seed: int = 0
     friction_floor: tuple[float, float] | None = None
     friction_pusher: tuple[float, float] | None = None
+    widen: bool = False
 
     def draw(self, twin: Twin) -> DomainDraw | None:
         """Return the function from a number to its cousin; None where nothing is drawn.
@@ -55,25 +58,51 @@ class CousinDomains:
             ParameterError: delta, seed or a friction is out of range.
         """
         cousins = CousinDraw(twin, delta=self.delta, from_intervals=self.from_intervals, seed=self.seed)
-        ranges = self._ranges()
+        ranges, wide = self._ranges(), [] if self.from_intervals else list(self.wide(twin))
         for name, (low, high) in ranges.items():
             require(name, f"{low} to {high}", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
-        if not ranges:
+        if not ranges and not wide:
             return cousins.cousin if self.delta > 0 or self.from_intervals else None
 
         def drawn(number: int) -> Cousin:
             cousin = cousins.cousin(number)
             generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, _FRICTIONS)))
             given = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
-            return replace(cousin, theta=cousin.theta | given)
+            return replace(cousin, theta=cousin.theta | _of_posterior(twin, wide, generator) | given)
 
         return drawn
+
+    def wide(self, twin: Twin) -> dict[str, tuple[float, float]]:
+        """Identified 95 % intervals of frictions, by name, that are drawn from the posterior as delta is less."""
+        if not self.widen or not self.delta > 0.0:
+            return {}
+        given = {name: twin.theta[name] for name in _FRICTION if getattr(self, name) is None}
+        return {
+            name: one.interval
+            for name, one in given.items()
+            if one.interval is not None
+            and all(map(math.isfinite, one.interval))
+            and max(one.value - one.interval[0], one.interval[1] - one.value) > self.delta * one.value
+        }
 
     def about(self) -> dict[str, object]:
         """Return settings by name, for a checkpoint."""
         ranges = {name: list(ends) for name, ends in self._ranges().items()}
-        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed, **ranges}
+        widen = {"widen": True} if self.widen else {}
+        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed, **ranges, **widen}
 
     def _ranges(self) -> dict[str, tuple[float, float]]:
-        given = {"friction_floor": self.friction_floor, "friction_pusher": self.friction_pusher}
+        given = {name: getattr(self, name) for name in _FRICTION}
         return {name: ends for name, ends in given.items() if ends is not None}
+
+
+def _of_posterior(twin: Twin, names: Sequence[str], generator: np.random.Generator) -> dict[str, float]:
+    """One draw of some frictions together; each evenly from its interval where a twin has no draws."""
+    known = [name for name in names if twin.draws is not None and name in twin.draws.names]
+    row = int(generator.integers(len(twin.draws.values))) if known and twin.draws is not None else 0
+    found = {name: float(twin.draws.column(name)[row]) for name in known if twin.draws is not None}
+    for name in names:
+        interval = twin.theta[name].interval
+        if name not in found and interval is not None:
+            found[name] = float(generator.uniform(max(interval[0], 0.0), interval[1]))
+    return found

@@ -144,10 +144,22 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         latency=latency,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
-    domains = domains or CousinDomains(
-        request.delta, request.from_intervals, request.seed, request.friction_floor, request.friction_pusher
-    )
+    domains = domains or _cousins(request)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
+
+
+def _cousins(request: TrainRequest) -> CousinDomains:
+    frictions = request.friction_floor, request.friction_pusher
+    return CousinDomains(request.delta, request.from_intervals, request.seed, *frictions, widen=True)
+
+
+def wide_frictions(request: TrainRequest) -> dict[str, tuple[float, float]]:
+    """Identified intervals of frictions, by name, that are so wide that episodes draw them from the posterior.
+
+    Raises:
+        InputError: The scene of the request cannot be used.
+    """
+    return {} if request.from_intervals else _cousins(request).wide(_setup(request).twin)
 
 
 def _placed_in(request: TrainRequest) -> str | None:
