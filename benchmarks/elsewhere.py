@@ -2,12 +2,18 @@
 """A policy in engines that are not ours: episodes in MuJoCo or Bullet, with images by Drake's VTK.
 
     python -m benchmarks.elsewhere POLICY [--scene SCENE] [--engine ENGINE ...] [--episodes N] [--start S]
+        [--floor MU ...] [--pusher MU ...] [--latency S ...] [--out FILE]
 
 Starts, observations, success and the pusher's box are those of `pinwm evaluate POLICY --scene SCENE`; object, floor and
-pusher move in the other engine, with the scene's theta and the object's convex pieces.
+pusher move in the other engine, with the scene's theta and the object's convex pieces. Several frictions and latencies
+are tried in all their combinations.
 """
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -20,32 +26,38 @@ timing.limit_threads(1)  # before numba and torch are imported
 from benchmarks.next_push.engines import scene_maker
 from benchmarks.next_push.engines.rollout import Tip, rigid, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
+from benchmarks.results import write_json
 from pinwm_drake.experiments.evaluation.contestant import read_contestant, scene_of
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.learning.evaluation import EpisodeResult, evaluate
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observer
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.envs.worlds import progress_info
 from pinwm_drake.systems.scenario.start import Place
 
 ENGINES = ("bullet", "mujoco")
+_PARTS = 10  # of an action that is late
 
 
 class ElsewhereEnv(gymnasium.Env):
     """Environment of a policy whose physics is another engine's; as `TaskEnv` in all else."""
 
-    def __init__(self, spec: PolicySpec, scene: str, engine: str) -> None:
+    def __init__(
+        self, spec: PolicySpec, scene: str, engine: str, theta: Mapping[str, float] | None = None, latency: float = 0.0
+    ) -> None:
         self.env, self._engine = spec_environment(spec, scene, "point"), engine  # for starts and images
         self.observation_space, self.action_space = self.env.observation_space, self.env.action_space
         setup = self.env.setup
         self._observer = Observer(setup, "state" if spec.observes == "state" else "rgb", spec.frames)
-        twin, self._theta = setup.twin, twin_truth(setup.twin)
+        twin, self._theta = setup.twin, replace(twin_truth(setup.twin), **(theta or {}))
         hulls = tuple(np.asarray(piece.vertices) for piece in mesh_pieces(twin.mesh_path))
         self._thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
         pusher = setup.scenario.pusher
         self._box, self._horizon = (np.array(pusher.low), np.array(pusher.high)), float(pusher.horizon)
+        self._delay = Delay((latency, latency), self._horizon, 1, setup.task, _PARTS if latency else 1)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Begins the episode that `TaskEnv` begins with this seed."""
@@ -57,6 +69,7 @@ class ElsewhereEnv(gymnasium.Env):
         tip = Tip(shape, self.env.run.p_WP[0].copy())
         self._scene = scene_maker(self._engine)(self._thing, self._theta, rigid(q, p), tip)
         self._steps = 0
+        self._delay.begin(0, np.random.default_rng(0))
         if self._observer.needs_images:
             self._observer.begin(np.arange(1), self.env.run.images())
         return self._observe(), info
@@ -64,9 +77,11 @@ class ElsewhereEnv(gymnasium.Env):
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Goes on by one action (n,) in [-1, 1]^n; there is no reward."""
         scene, run = self._scene, self.env.run
-        d_W = self.env.task.translation(np.asarray(action)[None], run.max_translation)[0]
-        here = scene.p_WP
-        scene.advance((np.clip(here + d_W, *self._box) - here) / self._horizon, self._horizon)
+        parts = self._delay(np.asarray(action)[None])
+        for part in parts:
+            d_W = self.env.task.translation(part, run.max_translation)[0] / len(parts)
+            here, seconds = scene.p_WP, self._horizon / len(parts)
+            scene.advance((np.clip(here + d_W, *self._box) - here) / seconds, seconds)
         self._steps += 1
         q, p = np.split(scene.object_state[:7], [4])
         run.place(Place(rigid(q, p), scene.p_WP))
@@ -89,20 +104,31 @@ def main() -> None:
     parser.add_argument("--engine", nargs="+", choices=ENGINES, default=ENGINES)
     parser.add_argument("--episodes", type=int, default=100)
     parser.add_argument("--start", type=int, default=0, help="seed of the first episode")
+    parser.add_argument("--floor", nargs="+", type=float, default=[None], help="friction on the floor")
+    parser.add_argument("--pusher", nargs="+", type=float, default=[None], help="friction at the pusher")
+    parser.add_argument("--latency", nargs="+", type=float, default=[0.0], help="delay of the actions, s")
+    parser.add_argument("--out", type=Path, help="JSON file of the results")
     given = parser.parse_args()
     contestant = read_contestant(EvaluateRequest(given.policy))
     if contestant.spec is None:
         parser.error(f"POLICY: got {given.policy}; allowed: a policy or bundle")
     scene = scene_of(contestant, EvaluateRequest(given.policy, scene=given.scene))
-    for engine in given.engine:
-        env = ElsewhereEnv(contestant.spec, scene, engine)
+    rows = []
+    for engine, floor, pusher, latency in product(given.engine, given.floor, given.pusher, given.latency):
+        named = {"friction_floor": floor, "friction_pusher": pusher}
+        theta = {name: value for name, value in named.items() if value is not None}
+        env = ElsewhereEnv(contestant.spec, scene, engine, theta, latency)
         policy, seeds = contestant.make(env.env), range(given.start, given.start + given.episodes)
         found = evaluate(env, policy, seeds, progress=lambda one, engine=engine: tell(engine, one))
         low, high = found.interval
+        settings = {"engine": engine, **theta, "latency": latency}
         print(
-            f"{engine}: {found.successes} of {found.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
-            f"{found.mean_steps:.1f} actions"
+            f"{settings}: {found.successes} of {found.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
+            f"{found.mean_steps:.1f} actions",
+            flush=True,
         )
+        rows.append(settings | {"successes": found.successes, "episodes": found.episodes, "actions": found.mean_steps})
+    write_json(given.out, policy=given.policy, start=given.start, scene=str(scene), results=rows)
 
 
 def tell(engine: str, one: EpisodeResult) -> None:

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from pinwm_drake.learning.progress import Report, Step
 
 
+_FEW = 0.05  # share of a plan's replays that is hardly enough to learn from
+_ADVICE = "friction at pusher or floor may be too low, or the pusher too slow, to do it"
+
+
 def train(request: TrainRequest) -> None:
     """Train a policy in randomised copies of a twin.
 
@@ -51,10 +55,15 @@ def train(request: TrainRequest) -> None:
 
 def _reporter(show: Show) -> "Report":
     """Return the function that shows the steps of a training; the end of a round always has a line."""
-    evaluated = ""
+    evaluated, planned = "", math.nan
 
     def report(step: "Step") -> None:
-        nonlocal evaluated
+        nonlocal evaluated, planned
+        if step.stage == "waypoints":
+            planned = step.best
+        elif planned < _FEW:
+            say(f"the best plan does the task in {planned:.0%} of its replays: expect a poor policy; {_ADVICE}")
+            planned = math.nan
         # A round has ended where its evaluation is another one.
         evaluation = f"{step.stage} {step.success} {step.length}"
         show(step.stage, step.done, _figures(step), step.left, tell=evaluation != evaluated)

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import math
 import os
 import re
 import signal
@@ -12,9 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import app
+from pinwm_drake.cli.train import _reporter
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.training import can_go_on
 from pinwm_drake.learning.policy import read_policy
+from pinwm_drake.learning.progress import Step
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 
 pytestmark = pytest.mark.usefixtures("read_operators_once")
@@ -111,3 +114,14 @@ def test_an_interrupted_run_names_resume_only_where_something_is_kept(tmp_path, 
     out = train("push_t", "-o", tmp_path / "run", "--method", "state", *SHORT)
     words = f"interrupted; go on with --resume (what is done is in {tmp_path / 'run'})"
     assert (out.exit_code, out.output.splitlines()[-1]) == (1, words)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.02, True), (0.3, False), (None, False)])
+def test_plans_that_hardly_ever_work_are_told(share, told, capsys):
+    report = _reporter(lambda *given, **more: None)
+    teacher = Step("teacher", 0.1, 0, math.nan, math.nan, math.nan, math.nan, 1.0)
+    if share is not None:
+        report(replace(teacher, stage="waypoints", best=share))
+    report(teacher)
+    report(teacher)
+    assert capsys.readouterr().out.count("expect a poor policy; friction at pusher or floor may be too low") == told
