@@ -39,7 +39,7 @@ from pinwm_drake.systems.envs.worlds import progress_info
 from pinwm_drake.systems.scenario.start import Place
 
 ENGINES = ("bullet", "mujoco")
-_PARTS = 10  # of an action that is late
+_PARTS = 8  # of an action that is late, of whole steps of the engines each
 
 
 class ElsewhereEnv(gymnasium.Env):

@@ -58,7 +58,7 @@ class CousinDomains:
             ParameterError: delta, seed or a friction is out of range.
         """
         cousins = CousinDraw(twin, delta=self.delta, from_intervals=self.from_intervals, seed=self.seed)
-        ranges, wide = self._ranges(), [] if self.from_intervals else list(self.wide(twin))
+        ranges, wide = self._ranges(), list(self.wide(twin))
         for name, (low, high) in ranges.items():
             require(name, f"{low} to {high}", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
         if not ranges and not wide:
@@ -74,7 +74,7 @@ class CousinDomains:
 
     def wide(self, twin: Twin) -> dict[str, tuple[float, float]]:
         """Identified 95 % intervals of frictions, by name, that are drawn from the posterior as delta is less."""
-        if not self.widen or not self.delta > 0.0:
+        if not self.widen or self.from_intervals or not self.delta > 0.0:
             return {}
         given = {name: twin.theta[name] for name in _FRICTION if getattr(self, name) is None}
         return {
@@ -87,9 +87,9 @@ class CousinDomains:
 
     def about(self) -> dict[str, object]:
         """Return settings by name, for a checkpoint."""
-        ranges = {name: list(ends) for name, ends in self._ranges().items()}
-        widen = {"widen": True} if self.widen else {}
-        return {"delta": self.delta, "from_intervals": self.from_intervals, "cousin_seed": self.seed, **ranges, **widen}
+        known, widen = {"delta": self.delta, "from_intervals": self.from_intervals}, self.widen or None
+        ranges = {name: list(ends) if ends else None for name, ends in ((one, getattr(self, one)) for one in _FRICTION)}
+        return {**known, "cousin_seed": self.seed, **ranges, "widen": widen}
 
     def _ranges(self) -> dict[str, tuple[float, float]]:
         given = {name: getattr(self, name) for name in _FRICTION}

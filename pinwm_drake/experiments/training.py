@@ -144,13 +144,14 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         latency=latency,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
-    domains = domains or _cousins(request)
+    domains = domains or _cousins(request, setup.twin)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
 
 
-def _cousins(request: TrainRequest) -> CousinDomains:
+def _cousins(request: TrainRequest, twin: Twin) -> CousinDomains:
     frictions = request.friction_floor, request.friction_pusher
-    return CousinDomains(request.delta, request.from_intervals, request.seed, *frictions, widen=True)
+    domains = CousinDomains(request.delta, request.from_intervals, request.seed, *frictions, widen=True)
+    return domains if domains.wide(twin) else replace(domains, widen=False)
 
 
 def wide_frictions(request: TrainRequest) -> dict[str, tuple[float, float]]:
@@ -159,7 +160,8 @@ def wide_frictions(request: TrainRequest) -> dict[str, tuple[float, float]]:
     Raises:
         InputError: The scene of the request cannot be used.
     """
-    return {} if request.from_intervals else _cousins(request).wide(_setup(request).twin)
+    twin = _setup(request).twin
+    return _cousins(request, twin).wide(twin)
 
 
 def _placed_in(request: TrainRequest) -> str | None:

@@ -191,6 +191,7 @@ class _Learner(Learner):
             return
         state = self.spec.task.state(self._shown.object_state, self._shown.p_WP)
         if self.spec.history:  # episodes begin there too
-            state = begun(state, self.spec.action_size, self.spec.history)
+            known = self._shown.past.shape[1] >= self.spec.history
+            state = begun(state, self.spec.action_size, self.spec.history, self._shown.past if known else None)
         action = torch.from_numpy(self._shown.action.astype(np.float32))
         self._policy.imitate(torch.from_numpy(state), action, updates=self.options.imitation, seed=self._seed)

@@ -23,7 +23,15 @@ def history_size(size: int, action_size: int, history: int) -> int:
     return size + history * (size + action_size)
 
 
-def begun(now: np.ndarray, action_size: int, history: int) -> np.ndarray:
-    """Vectors (W, `history_size`) float32 of episodes that have just begun, of vectors (W, size) alone."""
-    before = np.concatenate([now, np.zeros((len(now), action_size))], axis=1)
-    return np.concatenate([now, np.tile(before, (1, history))], axis=1).astype(np.float32)
+def begun(now: np.ndarray, action_size: int, history: int, past: np.ndarray | None = None) -> np.ndarray:
+    """Vectors (W, `history_size`) float32 of episodes that have just begun, of vectors (W, size) alone.
+
+    Args:
+        now: (W, size) vectors.
+        action_size: Number of components of an action.
+        history: Number h of the last actions.
+        past: (W, m, action_size) actions before, the newest first, m of h or more; None for zeros.
+    """
+    actions = np.zeros((len(now), history, action_size)) if past is None else past[:, :history]
+    before = np.concatenate([np.repeat(now[:, None], history, axis=1), actions], axis=2)
+    return np.concatenate([now, before.reshape(len(now), -1)], axis=1).astype(np.float32)

@@ -40,6 +40,7 @@ class Observer:
 
     Attributes:
         space: Observation space of one world.
+        kind, history: As given.
 
     Raises:
         ParameterError: There is no such kind, or no frame; or a history beside goals that episodes draw, from
@@ -50,7 +51,7 @@ class Observer:
         require("observation", repr(kind), kind in KINDS, ", ".join(KINDS))
         require("frames", frames, frames >= 1, "1 or more")
         require("history", f"{history} where episodes draw their goals", not history or not setup.task.goal_size, "0")
-        self.kind, self._task = kind, setup.task
+        self.kind, self.history, self._task = kind, history, setup.task
         pusher, self._axes = setup.scenario.pusher, setup.task.axis_indices
         low, high = np.array(pusher.low)[self._axes], np.array(pusher.high)[self._axes]
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
@@ -104,6 +105,11 @@ class Observer:
         now = self._now(object_state[worlds], p_WP[worlds], goal[worlds])
         for name, past in self._past.items():
             past[worlds] = begun(now[name], self._task.action_size, 1)[:, None, now[name].shape[1] :]
+
+    def recall(self, world: int, actions: np.ndarray) -> None:
+        """Take actions (m, n) in [-1, 1]^n, the newest first, m of `history` or more, as a world's last ones."""
+        for past in self._past.values():
+            past[world, :, -self._task.action_size :] = actions[: self.history]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Images and history that the worlds have seen last, by name, for `set_state`."""

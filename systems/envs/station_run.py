@@ -120,7 +120,7 @@ class StationRun:
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores the arrays of `get_state`."""
         self._actions = int(arrays["actions"])
-        self._context.SetTime(self._actions * self.setup.period)
+        self._context.SetTime(self._actions * self._parts * self._period)
         for group in range(len(self._begin)):
             self._context.SetDiscreteState(group, arrays[f"discrete.{group}"])
         model = self._world_model
@@ -156,7 +156,9 @@ class StationRun:
                 self._simulator.AdvanceTo((self._actions * self._parts + number) * self._period)
             except FAILURES:
                 if before:
-                    self._context.SetTime(self._actions * self.setup.period)
+                    self._context.SetTime(self._actions * self._parts * self._period)
+                elif self.world_model is None and self._parts > 1:
+                    self._actions += 1  # a plant is not put back: the next action ends after this one
                 for group, values in enumerate(before):
                     self._context.SetDiscreteState(group, values)
                 raise

@@ -168,22 +168,28 @@ class Worlds:
         Raises:
             ParameterError: There is no such option.
         """
+        asked: dict[int, np.ndarray] = {}
         for world in worlds.tolist():
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
             generator, given = self._random[world], options[world] if options else None
-            self._delay.begin(world, generator)
+            row = None
             if not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
-                self._delay.recall(world, self.waypoints.before(row, self._delay.depth))
             else:
                 drawn = self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
+            self._delay.begin(world, generator)
+            if row is not None:
+                asked[world] = self.waypoints.before(row, self.actions_before)
+                self._delay.recall(world, asked[world][: self._delay.depth])
         self._steps[worlds] = 0
         self._take_state()
         self._observer.forget(self._object_state, self._p_WP, self._goal, worlds)
+        for world, actions in asked.items():
+            self._observer.recall(world, actions)
         if self._observer.needs_images:
             # The port renders all worlds; at the start of an episode those that begin are enough.
             images = self.run.images() if self.run.world_model is None else self.run.images_of(worlds)
@@ -191,8 +197,8 @@ class Worlds:
 
     @property
     def actions_before(self) -> int:
-        """Number of past actions on which it may depend what the pushers do next; 0 without a latency."""
-        return self._delay.depth
+        """Number of past actions that are seen, or on which it may depend what the pushers do next."""
+        return max(self._delay.depth, self._observer.history)
 
     def set_object_states(self, object_state: np.ndarray, p_WP: np.ndarray) -> None:
         """Put every one of the twin's worlds into a state, at the beginning of an episode; images are not taken.

@@ -149,8 +149,6 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         object_state: np.ndarray,
         p_WP: np.ndarray,
         last: ActionPlan | None = None,
-        *,
-        like: np.ndarray | None = None,
     ) -> ActionPlan:
         """Return a sequence of actions that succeeds in the twin, or the best that is found.
 
@@ -162,7 +160,6 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
                 the middle of the scene's starts, or 0.
             p_WP: (3,) m, world: position of the pusher; likewise.
             last: Plan whose first action has been carried out, for a warm start; None at the beginning.
-            like: (horizon, n) actions around which the search begins, such as those of a plan from another start.
         """
         options, n = self.options, self.task.action_size
         object_state, p_WP = (
@@ -173,7 +170,6 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         kept = np.zeros((0, options.horizon, n))
         if last is not None:
             like = np.concatenate([last.actions[1:], last.actions[-1:]])
-        if like is not None:
             kept = like[None]
             mean, spread = like.copy(), np.full_like(spread, 0.5 * options.spread)
         best, middle, left = None, None, options.first_iterations if last is None else options.iterations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Waypoints of a planner's plans, for trainings of tasks that chance hardly ever does."""
+"""Search for plans of tasks that chance hardly ever does, whose states are waypoints of a training."""
 
 import time
 from collections.abc import Mapping
@@ -79,10 +79,9 @@ def find_waypoints(
 ) -> Waypoints:
     """Waypoints of the most robust plan from the starts of a scene, in `folder` as well.
 
-    A plan that works in the twin may hang on a hair there. So each is carried out again in the worlds of the training,
-    from other starts and with noise on the actions, and the plan that does the task most often is changed by
-    cross-entropy to do it more often still. What is kept are the states of its replays that did the task, and what it
-    does there.
+    Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
+    more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
+    with the largest share of replays that do the task stays: states of these replays, and what it does there.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -209,7 +208,10 @@ class _Search:
         """Mean returns (P,) of plans (P, horizon, n) from the same starts, in the same domains, with the same noise."""
         W, worth = self._replays.num_worlds, []
         starts = min(starts, W)
-        self._seed_worlds(generator)
+        self._begin(int(generator.integers(1 << 31)))
+        seeds = generator.integers(1 << 31, size=starts)
+        for world in range(W):  # the same latency and disturbance for all plans from a start
+            self._replays.set_generator(world, np.random.default_rng(int(seeds[world % starts])))
         at, noises = self._draw(starts, generator), self._noise(starts, noise, generator)
         start, domain = np.arange(W) % starts, self._replays.domain
         domains = None if domain is None else [domain(world) for world in range(starts)]

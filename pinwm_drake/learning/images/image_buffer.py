@@ -15,7 +15,7 @@ class Chunk(ArrayFile):
     Attributes:
         image: (T W, height, width, 3) uint8, RGB: the last image.
         start: (T W,) bool, true where an episode begins; the first W do.
-        pusher: (T W, action_size) float32, along the task's axes across the pusher's box, -1 to 1.
+        pusher: (T W, pusher_size) float32, along the task's axes across the pusher's box, -1 to 1.
         state: (T W, state_size) float32, as `StateActor` takes it.
         goal: (T W, goal_size) float32, goals of the episodes.
     """
@@ -62,7 +62,7 @@ class Frames:
             generator: Source of randomness.
 
         Returns:
-            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, action_size), state (B, state_size)
+            Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, pusher_size), state (B, state_size)
             and goal (B, goal_size), float32.
         """
         rows = np.sort(generator.integers(len(self), size=size))

@@ -103,3 +103,32 @@ def test_an_interrupted_search_goes_on_with_the_same_result(worlds, found, tmp_p
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         WaypointOptions(**wrong)
+
+
+def test_waypoints_of_late_actions_keep_what_is_still_to_take_effect(tmp_path):
+    options = training_options(image_size=16, latency=(0.1, 0.1))
+    worlds = TrainingWorlds("flip_cube", options, num_worlds=16, domains=CousinDomains())
+    waypoints = find_waypoints(worlds, tmp_path, dataclasses.replace(QUICK, rounds=0, attempts=1), seed=3)
+    env = worlds.worlds("state").worlds
+    depth = env.actions_before
+    assert waypoints.past.shape == (len(waypoints), depth, 3)
+    # An action late, the pusher makes the last translation that was asked for: there is another waypoint.
+    after = waypoints.p_WP + env.run.max_translation * waypoints.past[:, 0]
+    moves = np.linalg.norm(waypoints.past[:, 0], axis=1) > 0.1
+    gaps = np.linalg.norm(after[moves][:, None] - waypoints.p_WP[None], axis=2).min(1)
+    assert moves.sum() > 20
+    assert np.mean(gaps < 1e-6) > 0.5
+    # Episodes that begin in a waypoint go on with it.
+    worlds.waypoints = waypoints
+    env = worlds.worlds("state").worlds
+    for world in range(env.num_worlds):
+        env.set_generator(world, np.random.default_rng(world))
+    env.begin(np.arange(env.num_worlds))
+    rows = np.linalg.norm(env.run.p_WP[:, None] - waypoints.p_WP[None], axis=2)
+    begun, row = rows.min(1) < 1e-9, rows.argmin(1)
+    assert begun.sum() >= 6
+    before = env.run.p_WP.copy()
+    env.advance(np.zeros((env.num_worlds, 3)))
+    moved = (env.run.p_WP - before) / env.run.max_translation
+    off = np.linalg.norm(moved - waypoints.past[row, 0], axis=1)[begun]
+    assert np.mean(off < 1e-6) > 0.5  # the others met the box's wall
