@@ -27,6 +27,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 
 SCENES = ("flip_mug", "flip_mug_handle", "flip_cube")
 FLOOR, PUSHER = (0.05, 0.1, 0.2, 0.3, 0.5), (0.3, 0.45, 0.6, 0.9, 1.2)
+NEAR = (0.45, 0.6, 0.9), (0.1, 0.2, 0.3)  # pusher and floor, of the first scene with these:
 MORE = ((0.08, 1.0), (0.0, 0.5), (0.0, 1.5))  # delay [s] and speed [m/s], beside none and 1 m/s
 WORLDS = 64
 
@@ -48,15 +49,20 @@ def share(scene: str, floor: float, pusher: float, latency: float, speed: float,
     return float(steps[-1].best)
 
 
-def table(rows: list[dict[str, Any]], scene: str, latency: float, speed: float) -> str:
-    """Table of a scene in Markdown: a line for each friction of the pusher."""
-    chosen = [row for row in rows if (row["scene"], row["latency"], row["speed"]) == (scene, latency, speed)]
-    floors = sorted({row["floor"] for row in chosen})
-    lines = []
-    for pusher in sorted({row["pusher"] for row in chosen}):
-        found = {row["floor"]: f"{100 * row['share']:.0f} %" for row in chosen if row["pusher"] == pusher}
-        lines.append([f"{pusher:g}", *(found.get(floor, "") for floor in floors)])
-    header = "friction of the pusher | " + " | ".join(f"floor {floor:g}" for floor in floors)
+def table(rows: list[dict[str, Any]]) -> str:
+    """Table in Markdown: a line for each scene, delay, speed and friction of the pusher."""
+    floors, lines = sorted({row["floor"] for row in rows}), []
+    keys = dict.fromkeys((row["scene"], row["latency"], row["speed"], row["pusher"]) for row in rows)
+    for key in keys:
+        found = {
+            row["floor"]: f"{100 * row['share']:.0f} %"
+            for row in rows
+            if (row["scene"], row["latency"], row["speed"], row["pusher"]) == key
+        }
+        scene, latency, speed, pusher = key
+        cells = [found.get(floor, "") for floor in floors]
+        lines.append([f"`{scene}`", f"{1e3 * latency:g} ms", f"{speed:g} m/s", f"{pusher:g}", *cells])
+    header = "scene | delay | speed | pusher | " + " | ".join(f"floor {floor:g}" for floor in floors)
     return "\n".join(markdown(header, lines))
 
 
@@ -69,15 +75,14 @@ def main() -> None:
     given = parser.parse_args()
     rows: list[dict[str, Any]] = []
     cells = [(scene, *one, 0.0, 1.0) for scene in given.scene for one in product(PUSHER, FLOOR)]
-    cells += [(given.scene[0], *one, *more) for more in MORE for one in product((0.45, 0.6, 0.9), (0.1, 0.2, 0.3))]
+    cells += [(scene, *one, *more) for scene in given.scene[:1] for more in MORE for one in product(*NEAR)]
     for scene, pusher, floor, latency, speed in cells:
         found = share(scene, floor, pusher, latency, speed, given.strokes)
         cell = {"scene": scene, "pusher": pusher, "floor": floor, "latency": latency, "speed": speed}
         rows.append(cell | {"share": found})
         print(rows[-1], flush=True)
         write_json(given.out, strokes=given.strokes, starts=WORLDS, results=rows)
-    for scene, latency, speed in dict.fromkeys((row["scene"], row["latency"], row["speed"]) for row in rows):
-        print(f"\n{scene}, {latency:g} s, {speed:g} m/s\n\n{table(rows, scene, latency, speed)}")
+    print(f"\n{table(rows)}")
 
 
 if __name__ == "__main__":

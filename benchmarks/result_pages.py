@@ -15,6 +15,7 @@ from typing import Any
 from scipy.stats import binomtest
 
 from benchmarks import calibration as calibration_benchmark
+from benchmarks import flip_frontier
 from benchmarks.next_push.coverage import coverage_table
 from benchmarks.next_push.evaluate import cells
 from benchmarks.real import tables
@@ -348,6 +349,11 @@ def station_push() -> str:
     return table(f"episodes | delay of actions | {_MEASURED}", [(results["episodes"], delay, *_success(results))])
 
 
+def frontier() -> str:
+    """Table of where a stroke flips an object."""
+    return flip_frontier.table(read("flip_frontier.json")["results"])
+
+
 def stand_in() -> str:
     """Table of the stand-in for a robot."""
     rows = []
@@ -397,6 +403,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "policies.md", "pushes", pushes),
     (RESULTS / "policies.md", "flips", flips),
     (RESULTS / "policies.md", "station_push", station_push),
+    (RESULTS / "policies.md", "frontier", frontier),
     (RESULTS / "identification.md", "one_push", one_push),
     (RESULTS / "identification.md", "two_pushes", two_pushes),
     (RESULTS / "identification.md", "compared", compared),
