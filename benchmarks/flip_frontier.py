@@ -10,6 +10,7 @@ which the best stroke does the task, without feedback. A policy that sees the ob
 
 import argparse
 import dataclasses
+import json
 import tempfile
 from itertools import product
 from pathlib import Path
@@ -29,6 +30,7 @@ SCENES = ("flip_mug", "flip_mug_handle", "flip_cube")
 FLOOR, PUSHER = (0.05, 0.1, 0.2, 0.3, 0.5), (0.3, 0.45, 0.6, 0.9, 1.2)
 NEAR = (0.45, 0.6, 0.9), (0.1, 0.2, 0.3)  # pusher and floor, of the first scene with these:
 MORE = ((0.08, 1.0), (0.0, 0.5), (0.0, 1.5))  # delay [s] and speed [m/s], beside none and 1 m/s
+NAMES = ("scene", "pusher", "floor", "latency", "speed")
 WORLDS = 64
 
 
@@ -52,7 +54,7 @@ def share(scene: str, floor: float, pusher: float, latency: float, speed: float,
 def table(rows: list[dict[str, Any]]) -> str:
     """Table in Markdown: a line for each scene, delay, speed and friction of the pusher."""
     floors, lines = sorted({row["floor"] for row in rows}), []
-    keys = dict.fromkeys((row["scene"], row["latency"], row["speed"], row["pusher"]) for row in rows)
+    keys = sorted({(row["scene"], row["latency"], row["speed"], row["pusher"]) for row in rows})
     for key in keys:
         found = {
             row["floor"]: f"{100 * row['share']:.0f} %"
@@ -67,18 +69,21 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Search each cell, and print or store the shares."""
+    """Search each cell, and print or store the shares; cells that the file has are not searched again."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scene", nargs="+", default=SCENES)
     parser.add_argument("--strokes", type=int, default=2048)
     parser.add_argument("--out", type=Path, help="JSON file of the results")
     given = parser.parse_args()
-    rows: list[dict[str, Any]] = []
+    stored = given.out is not None and given.out.exists()
+    rows: list[dict[str, Any]] = json.loads(given.out.read_text())["results"] if stored else []
     cells = [(scene, *one, 0.0, 1.0) for scene in given.scene for one in product(PUSHER, FLOOR)]
     cells += [(scene, *one, *more) for scene in given.scene[:1] for more in MORE for one in product(*NEAR)]
     for scene, pusher, floor, latency, speed in cells:
+        if (scene, pusher, floor, latency, speed) in [tuple(row[name] for name in NAMES) for row in rows]:
+            continue
         found = share(scene, floor, pusher, latency, speed, given.strokes)
-        cell = {"scene": scene, "pusher": pusher, "floor": floor, "latency": latency, "speed": speed}
+        cell = dict(zip(NAMES, (scene, pusher, floor, latency, speed), strict=True))
         rows.append(cell | {"share": found})
         print(rows[-1], flush=True)
         write_json(given.out, strokes=given.strokes, starts=WORLDS, results=rows)
