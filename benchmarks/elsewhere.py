@@ -112,6 +112,8 @@ def main() -> None:
     contestant = read_contestant(EvaluateRequest(given.policy))
     if contestant.spec is None:
         parser.error(f"POLICY: got {given.policy}; allowed: a policy or bundle")
+    if contestant.spec.history:
+        parser.error(f"POLICY: got {given.policy}, which sees its past actions; allowed: one without a history")
     scene = scene_of(contestant, EvaluateRequest(given.policy, scene=given.scene))
     rows = []
     for engine, floor, pusher, latency in product(given.engine, given.floor, given.pusher, given.latency):

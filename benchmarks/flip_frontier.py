@@ -75,8 +75,12 @@ def main() -> None:
     parser.add_argument("--strokes", type=int, default=2048)
     parser.add_argument("--out", type=Path, help="JSON file of the results")
     given = parser.parse_args()
-    stored = given.out is not None and given.out.exists()
-    rows: list[dict[str, Any]] = json.loads(given.out.read_text())["results"] if stored else []
+    rows: list[dict[str, Any]] = []
+    if given.out is not None and given.out.exists():
+        stored = json.loads(given.out.read_text())
+        if stored["strokes"] != given.strokes:
+            parser.error(f"--strokes: got {given.strokes}; allowed: {stored['strokes']}, as {given.out} has them")
+        rows = stored["results"]
     cells = [(scene, *one, 0.0, 1.0) for scene in given.scene for one in product(PUSHER, FLOOR)]
     cells += [(scene, *one, *more) for scene in given.scene[:1] for more in MORE for one in product(*NEAR)]
     for scene, pusher, floor, latency, speed in cells:

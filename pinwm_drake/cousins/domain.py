@@ -5,7 +5,7 @@ Cousins of a twin are domains; methods that randomise otherwise differ from them
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -15,7 +15,6 @@ from pinwm_drake.cousins.cousin import Cousin, CousinDraw
 from pinwm_drake.errors import require
 from pinwm_drake.twin.twin import Twin
 
-_FRICTION = ("friction_floor", "friction_pusher")
 _FRICTIONS = 2  # part of a cousin's draws; its physics and looks are parts 0 and 1
 DomainDraw = Callable[[int], Cousin]
 
@@ -58,7 +57,8 @@ class CousinDomains:
             ParameterError: delta, seed or a friction is out of range.
         """
         cousins = CousinDraw(twin, delta=self.delta, from_intervals=self.from_intervals, seed=self.seed)
-        ranges, wide = self._ranges(), list(self.wide(twin))
+        ranges = {name: ends for name, ends in self._frictions().items() if ends is not None}
+        wide = self.wide(twin)
         for name, (low, high) in ranges.items():
             require(name, f"{low} to {high}", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
         if not ranges and not wide:
@@ -76,7 +76,7 @@ class CousinDomains:
         """Identified 95 % intervals of frictions, by name, that are drawn from the posterior as delta is less."""
         if not self.widen or self.from_intervals or not self.delta > 0.0:
             return {}
-        given = {name: twin.theta[name] for name in _FRICTION if getattr(self, name) is None}
+        given = {name: twin.theta[name] for name, ends in self._frictions().items() if ends is None}
         return {
             name: one.interval
             for name, one in given.items()
@@ -87,22 +87,24 @@ class CousinDomains:
 
     def about(self) -> dict[str, object]:
         """Return settings by name, for a checkpoint."""
-        known, widen = {"delta": self.delta, "from_intervals": self.from_intervals}, self.widen or None
-        ranges = {name: list(ends) if ends else None for name, ends in ((one, getattr(self, one)) for one in _FRICTION)}
-        return {**known, "cousin_seed": self.seed, **ranges, "widen": widen}
+        # Checkpoints from before lack the frictions and `widen`, which reads as None.
+        frictions = {name: ends and list(ends) for name, ends in self._frictions().items()}
+        known: dict[str, object] = {"delta": self.delta, "from_intervals": self.from_intervals}
+        return {**known, "cousin_seed": self.seed, **frictions, "widen": self.widen or None}
 
-    def _ranges(self) -> dict[str, tuple[float, float]]:
-        given = {name: getattr(self, name) for name in _FRICTION}
-        return {name: ends for name, ends in given.items() if ends is not None}
+    def _frictions(self) -> dict[str, tuple[float, float] | None]:
+        return {"friction_floor": self.friction_floor, "friction_pusher": self.friction_pusher}
 
 
-def _of_posterior(twin: Twin, names: Sequence[str], generator: np.random.Generator) -> dict[str, float]:
-    """One draw of some frictions together; each evenly from its interval where a twin has no draws."""
-    known = [name for name in names if twin.draws is not None and name in twin.draws.names]
-    row = int(generator.integers(len(twin.draws.values))) if known and twin.draws is not None else 0
-    found = {name: float(twin.draws.column(name)[row]) for name in known if twin.draws is not None}
-    for name in names:
-        interval = twin.theta[name].interval
-        if name not in found and interval is not None:
-            found[name] = float(generator.uniform(max(interval[0], 0.0), interval[1]))
+def _of_posterior(
+    twin: Twin, intervals: Mapping[str, tuple[float, float]], generator: np.random.Generator
+) -> dict[str, float]:
+    """One draw of the frictions with these intervals together; each evenly from its own where a twin has no draws."""
+    found: dict[str, float] = {}
+    if twin.draws is not None:
+        row = int(generator.integers(len(twin.draws.values)))
+        found = {name: float(twin.draws.column(name)[row]) for name in intervals if name in twin.draws.names}
+    for name, (low, high) in intervals.items():
+        if name not in found:
+            found[name] = float(generator.uniform(max(low, 0.0), high))
     return found

@@ -64,10 +64,8 @@ class InMetres(nn.Module):
         """
         super().__init__()
         self.actor = copy.deepcopy(actor).cpu()
-        middle = spec.pusher_metres(np.zeros(spec.pusher_size))
-        half = spec.pusher_metres(np.ones(spec.pusher_size)) - middle
-        self.register_buffer("middle", torch.tensor(middle, dtype=torch.float32))
-        self.register_buffer("reach", torch.tensor(half, dtype=torch.float32))
+        for name, values in zip(("middle", "reach"), spec.pusher_scales(), strict=True):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
         self.max_translation, self.estimate, self.task = spec.max_translation, estimate, spec.task
         self.eval()
 

@@ -219,24 +219,23 @@ class PolicySpec:
             metres: (..., pusher_size) m, world: position of the pusher along the task's axes; then, for each of the
                 last `history` actions, the newest first, the position before it and the translation asked for.
         """
-        low, size, moves = self._pusher_scales()
-        seen: np.ndarray = np.where(moves > 0.0, metres / size, 2.0 * (metres - low) / size - 1.0)
-        return np.clip(seen, -1.0, 1.0)
+        middle, reach = self.pusher_scales()
+        seen: np.ndarray = np.clip((metres - middle) / reach, -1.0, 1.0)
+        return seen
 
     def pusher_metres(self, seen: np.ndarray) -> np.ndarray:
         """Positions and translations (..., pusher_size) m of those in [-1, 1]; the inverse of `pusher_seen`."""
-        low, size, moves = self._pusher_scales()
-        metres: np.ndarray = np.where(moves > 0.0, seen * size, low + 0.5 * (seen + 1.0) * size)
+        middle, reach = self.pusher_scales()
+        metres: np.ndarray = middle + reach * seen
         return metres
 
-    def _pusher_scales(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lower ends and sizes (pusher_size,) m of what is known of the pusher, and kinds: 1 for a translation."""
-        low, n = np.array(self.pusher_low), self.action_size
-        size, whole = np.array(self.pusher_high) - low, np.full(n, self.max_translation)
-        nothing = np.zeros(n)
-        parts = [(low, size, nothing), *[(low, size, nothing), (nothing, whole, nothing + 1.0)] * self.history]
-        low, size, kinds = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return low, size, kinds
+    def pusher_scales(self) -> tuple[np.ndarray, np.ndarray]:
+        """Values (pusher_size,) m that 0 stands for in what a network knows of the pusher, and their way to 1."""
+        low, high = np.array(self.pusher_low), np.array(self.pusher_high)
+        place = 0.5 * (low + high), 0.5 * (high - low)
+        translation = np.zeros(self.action_size), np.full(self.action_size, self.max_translation)
+        middle, reach = zip(place, *[place, translation] * self.history, strict=True)
+        return np.concatenate(middle), np.concatenate(reach)
 
     def to_document(self) -> dict[str, Any]:
         """Return the specification as plain data, for YAML; what came later is left out where it is as before."""

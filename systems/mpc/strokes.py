@@ -8,6 +8,8 @@ such sequences. They stay in the upright plane of object and pusher, where an ob
 import math
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
 
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.scenario.start import StartDistribution
@@ -55,7 +57,8 @@ class Strokes:
             object_state: (13,) q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s], world.
             p_WP: (3,) m, world: position of the pusher.
         """
-        heights = self._vertices @ _third_row(object_state[:4]) + object_state[6]
+        q_WO = object_state[:4] / np.linalg.norm(object_state[:4])
+        heights = self._vertices @ RotationMatrix(Quaternion(wxyz=q_WO)).matrix()[2] + object_state[6]
         bottom, top = float(heights.min()), float(heights.max())
         actions = np.zeros((number, self._horizon, 3))
         for index, row in enumerate(actions):
@@ -70,9 +73,3 @@ class Strokes:
                 row[k] = -length * math.cos(math.radians(rise)), 0.0, length * math.sin(math.radians(rise))
                 rise = float(np.clip(rise + generator.normal(bend, spread), *_RISES))
         return actions
-
-
-def _third_row(q: np.ndarray) -> np.ndarray:
-    """Third row (3,) of the rotation matrix of an orientation (4,) wxyz of any norm: the world's z, told in O."""
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])

@@ -141,13 +141,13 @@ class _Search:
         require("waypoints", f"of the task {task.name!r}", Strokes.apply(self._replays), allowed)
         shape = options.horizon, task.action_size
         self.best = _Plan(Waypoints(), 0.0, np.zeros(shape))
-        self.done_steps = 0
+        self.done_steps, self._each = 0, max(options.rounds, 1)  # steps of an attempt
         self._plans, self._mean = np.zeros((options.attempts, *shape)), np.zeros(shape)
         self._deviation = np.full(shape, options.change)
 
     @property
     def steps(self) -> int:
-        return 1 + self._options.attempts * max(self._options.rounds, 1)
+        return 1 + self._options.attempts * self._each
 
     def goes_on(self) -> bool:
         if self.done_steps == self.steps:
@@ -156,13 +156,13 @@ class _Search:
         if self.done_steps == 0:
             self._plans = self._sieved(generator)
         else:
-            attempt, number = divmod(self.done_steps - 1, max(self._options.rounds, 1))
+            attempt, number = divmod(self.done_steps - 1, self._each)
             if number == 0:
                 self._mean = self._plans[attempt]
                 self._deviation = np.full(self._mean.shape, self._options.change)
             if self._options.rounds:
                 self._strengthen(generator)
-            if number + 1 >= self._options.rounds:
+            if number + 1 == self._each:
                 self._keep(self._mean, generator)
         self.done_steps += 1
         return True
@@ -208,10 +208,7 @@ class _Search:
         """Mean returns (P,) of plans (P, horizon, n) from the same starts, in the same domains, with the same noise."""
         W, worth = self._replays.num_worlds, []
         starts = min(starts, W)
-        self._begin(int(generator.integers(1 << 31)))
-        seeds = generator.integers(1 << 31, size=starts)
-        for world in range(W):  # the same latency and disturbance for all plans from a start
-            self._replays.set_generator(world, np.random.default_rng(int(seeds[world % starts])))
+        self._seed_worlds(generator, starts)
         at, noises = self._draw(starts, generator), self._noise(starts, noise, generator)
         start, domain = np.arange(W) % starts, self._replays.domain
         domains = None if domain is None else [domain(world) for world in range(starts)]
@@ -230,17 +227,19 @@ class _Search:
         return np.array(worth)
 
     def _keep(self, actions: np.ndarray, generator: np.random.Generator) -> None:
-        self._seed_worlds(generator)
+        self._seed_worlds(generator, self._replays.num_worlds)
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
             columns = [[getattr(found, column.name) for found, _ in replays] for column in fields(Waypoints)]
             self.best = _Plan(Waypoints(*map(np.concatenate, columns)), share, actions)
 
-    def _seed_worlds(self, generator: np.random.Generator) -> None:
+    def _seed_worlds(self, generator: np.random.Generator, starts: int) -> None:
+        """Draws domains; worlds of the same start, which come round after so many, get the same latency and noise."""
         self._begin(int(generator.integers(1 << 31)))
-        for world, own in enumerate(generator.spawn(self._replays.num_worlds)):
-            self._replays.set_generator(world, own)
+        seeds = generator.integers(1 << 31, size=starts)
+        for world in range(self._replays.num_worlds):
+            self._replays.set_generator(world, np.random.default_rng(int(seeds[world % starts])))
 
     def _bounded(self, actions: np.ndarray) -> np.ndarray:
         return np.asarray(self._replays.task.translation(actions, 1.0)[:, self._replays.task.axis_indices])

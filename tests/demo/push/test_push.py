@@ -80,13 +80,13 @@ def simulate(**changes):
 
 @pytest.mark.parametrize("pusher", PUSHER_SHAPES)
 def test_derivatives_agree_with_central_differences(pusher):
-    # At offsets of 1 and 2 cm a kink lies within 1e-5 m; at 1.1 cm there is none.
-    result = simulate(pusher=pusher, offset=0.011)
+    # At offsets of 1, 1.3 and 2 cm a kink lies within 1e-5 m; at 1.2 cm there is none.
+    result = simulate(pusher=pusher, offset=0.012)
     assert result.p_WB[-1, 1] > 0.05
     for derivative in result.derivatives:
         # The bar of the physics' own tests; and solver tolerance over difference step, as that with respect to the
         # pusher's friction changes its sign near here.
-        assert derivative.adjoint == pytest.approx(derivative.difference, rel=1e-4, abs=1e-5), derivative.name
+        assert derivative.adjoint == pytest.approx(derivative.difference, rel=1e-4, abs=3e-6), derivative.name
 
 
 def test_a_push_beside_the_centre_turns_the_block_away_from_it():
