@@ -51,7 +51,7 @@ class ElsewhereEnv(gymnasium.Env):
         self.env, self._engine = spec_environment(spec, scene, "point"), engine  # for starts and images
         self.observation_space, self.action_space = self.env.observation_space, self.env.action_space
         setup = self.env.setup
-        self._observer = Observer(setup, "state" if spec.observes == "state" else "rgb", spec.frames)
+        self._observer = Observer(setup, "state" if spec.observes == "state" else "rgb", spec.frames, spec.history)
         twin, self._theta = setup.twin, replace(twin_truth(setup.twin), **(theta or {}))
         hulls = tuple(np.asarray(piece.vertices) for piece in mesh_pieces(twin.mesh_path))
         self._thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
@@ -70,6 +70,7 @@ class ElsewhereEnv(gymnasium.Env):
         self._scene = scene_maker(self._engine)(self._thing, self._theta, rigid(q, p), tip)
         self._steps = 0
         self._delay.begin(0, np.random.default_rng(0))
+        self._observer.forget(*self._state(), np.arange(1))
         if self._observer.needs_images:
             self._observer.begin(np.arange(1), self.env.run.images())
         return self._observe(), info
@@ -77,6 +78,7 @@ class ElsewhereEnv(gymnasium.Env):
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Goes on by one action (n,) in [-1, 1]^n; there is no reward."""
         scene, run = self._scene, self.env.run
+        self._observer.remember(*self._state(), np.asarray(action)[None])
         parts = self._delay(np.asarray(action)[None])
         for part in parts:
             d_W = self.env.task.translation(part, run.max_translation)[0] / len(parts)
@@ -91,8 +93,12 @@ class ElsewhereEnv(gymnasium.Env):
         info = progress_info(progress, 0) | {"step": self._steps, "engine": self._engine}
         return self._observe(), 0.0, info["success"], self._steps >= self.env.max_steps, info
 
+    def _state(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        goal = np.zeros((1, self.env.task.goal_size))
+        return self._scene.object_state[None], self._scene.p_WP[None], goal
+
     def _observe(self) -> Any:
-        seen = self._observer.observe(self._scene.object_state[None], self._scene.p_WP[None])
+        seen = self._observer.observe(*self._state()[:2])
         return {name: rows[0] for name, rows in seen.items()} if isinstance(seen, dict) else seen[0]
 
 
@@ -112,8 +118,6 @@ def main() -> None:
     contestant = read_contestant(EvaluateRequest(given.policy))
     if contestant.spec is None:
         parser.error(f"POLICY: got {given.policy}; allowed: a policy or bundle")
-    if contestant.spec.history:
-        parser.error(f"POLICY: got {given.policy}, which sees its past actions; allowed: one without a history")
     scene = scene_of(contestant, EvaluateRequest(given.policy, scene=given.scene))
     rows = []
     for engine, floor, pusher, latency in product(given.engine, given.floor, given.pusher, given.latency):

@@ -26,6 +26,9 @@ class Recipe:
         level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
         disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
             them: as far as engines differ, where little things have other outcomes.
+        most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
+            episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
+            a robot, and has other outcomes in each engine.
         assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the
             pusher's box along the task's axes, where its observation is -1 and 1. It gives a torch module from a
             network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size), or None where the
@@ -50,6 +53,7 @@ class Recipe:
     heading: int | None = None
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
+    most_force: float | None = None
     assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
     waypoints: bool = False
     planner: Literal["outline", "sampling"] = "sampling"

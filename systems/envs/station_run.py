@@ -170,6 +170,15 @@ class StationRun:
         return self._object.Eval(self._context).reshape(self.num_worlds, 13)
 
     @property
+    def pusher_impulse(self) -> np.ndarray | None:
+        """Sums (W,) N s of the norms of the impulses from pushers to objects so far; None where it is no twin."""
+        model = self.world_model
+        if model is None:
+            return None
+        impulse = model.GetOutputPort("pusher_impulse").Eval(model.GetMyContextFromRoot(self._context))
+        return np.asarray(impulse)
+
+    @property
     def p_WP(self) -> np.ndarray:
         """Positions (W, 3) m of the pushers, world."""
         return self._pusher.Eval(self._context).reshape(self.num_worlds, 6)[:, :3]

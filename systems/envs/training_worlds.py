@@ -128,6 +128,7 @@ class TrainingWorlds:
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": recipe.disturbance,
+            **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
             "latency": list(self.options.latency),
             "view": list(self.options.view),
         }
@@ -142,7 +143,8 @@ class TrainingWorlds:
         task = self.setup.task.for_training()
         options = dataclasses.replace(self.options, observation=observation, task=task)
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
-        env.worlds.waypoints, env.worlds.disturbance = self.waypoints, recipe_of(task).disturbance
+        worlds, recipe = env.worlds, recipe_of(task)
+        worlds.waypoints, worlds.disturbance, worlds.most_force = self.waypoints, recipe.disturbance, recipe.most_force
         return env
 
     def worlds(self, observation: Kind) -> VecEnv:

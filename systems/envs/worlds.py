@@ -2,7 +2,7 @@
 """The worlds of an environment: one step, one reset, for one world of any engine and for many worlds of a twin."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,11 +35,11 @@ class Advance:
 
     Attributes:
         reward: (W,) rewards of the task.
-        terminated: (W,) bool, true with success.
+        terminated: (W,) bool, true with success, and where the pusher pressed harder than `Worlds.most_force`.
         truncated: (W,) bool, true at the time limit, or after a failure of the physics.
         progress: Progress at the end of the action.
         steps: (W,) int, actions of the episodes, this one included.
-        failures: Reasons why the physics failed, by the world's index.
+        failures: Reasons why the physics failed, or the pusher pressed too hard, by the world's index.
     """
 
     reward: np.ndarray
@@ -85,6 +85,8 @@ class Worlds:
             first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
+        most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
+            None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
             that is seen instead. None at first.
 
@@ -114,6 +116,7 @@ class Worlds:
         self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
+        self.most_force: float | None = None
         self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task, parts)
         if any(options.view):
             require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
@@ -224,12 +227,17 @@ class Worlds:
         before = self.progress
         self._observer.remember(self._object_state, self._p_WP, self._goal, actions)
         self._steps += 1
+        impulse = self.run.pusher_impulse
         failures = self._advance(self._delay(actions))
         if self.disturbance:
             self._disturb()
         progress, failed = self.progress, np.zeros(self.num_worlds, bool)
         failed[list(failures)] = True
-        terminated = progress.success & ~failed
+        hard = self._too_hard(impulse) & ~failed
+        reason = f"the pusher pressed with a mean force over {self.most_force} N"
+        failures |= dict.fromkeys(np.flatnonzero(hard).tolist(), reason)
+        progress = replace(progress, success=progress.success & ~hard)
+        terminated = (progress.success | hard) & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
         if self._observer.needs_images and not failed.all():
             self._observer.see(self._spoilt(self.run.images(), np.arange(self.num_worlds)))
@@ -289,6 +297,13 @@ class Worlds:
             self.run.set_world_state(last[0][world], last[1][world], world)
         self._take_state()
         return failures
+
+    def _too_hard(self, before: np.ndarray | None) -> np.ndarray:
+        """Flags (W,): the mean force in an action exceeded `most_force`; `before` are impulses (W,) N s before it."""
+        after = self.run.pusher_impulse
+        if self.most_force is None or before is None or after is None:
+            return np.zeros(self.num_worlds, bool)
+        return np.asarray(after - before > self.most_force * self.setup.scenario.pusher.horizon)
 
     def _spoilt(self, images: np.ndarray, worlds: np.ndarray) -> np.ndarray:
         if self.spoil is None:

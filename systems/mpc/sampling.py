@@ -130,7 +130,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
             time_step=recipe_of(task).training_step,
         )
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
-        self.task = self.worlds.task
+        self.task, self.worlds.most_force = self.worlds.task, recipe_of(task).most_force
         self._random = np.random.default_rng(self.options.seed)
         self._strokes = Strokes(self.worlds, self.options.horizon) if Strokes.apply(self.worlds) else None
         place = StartDistribution(self.worlds.setup).middle()
@@ -218,7 +218,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
             total -= np.where(going, self.options.effort * (actions[:, k] ** 2).sum(1), 0.0)
             failed = np.isin(np.arange(W), list(out.failures))
             total += np.where(going, np.where(failed, -_FAILURE, out.reward), 0.0)
-            success |= going & out.terminated
+            success |= going & out.progress.success
         return total, success
 
 

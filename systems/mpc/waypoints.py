@@ -270,7 +270,7 @@ class _Search:
         for going, out in carried_out(worlds, asked):
             seen.append(_states(worlds))
             went.append(going)
-            success |= going & out.terminated & (worlds.task.worth(out.progress) > _WORTH)
+            success |= going & out.progress.success & (worlds.task.worth(out.progress) > _WORTH)
         kept = np.array(went) & success  # (T, W)
         object_state, p_WP = (np.array(column)[:-1][kept] for column in zip(*seen, strict=True))
         depth, (_, horizon, n) = worlds.actions_before, asked.shape

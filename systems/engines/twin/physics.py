@@ -8,6 +8,7 @@ import torch
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.physics.diagnose import inspect
+from pinwm_drake.physics.model import FLOOR
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State
 from pinwm_drake.physics.stepper import Arrays, Stepper
@@ -44,6 +45,7 @@ class WorldPhysics:
         self._nominal = twin_parameters(twin, self.scene)
         self._p_OB = self.scene.p_OB.numpy()
         self._steppers = [Stepper(self.scene.model)]
+        self._by_pusher = np.array([not name.endswith(FLOOR) for name in self.scene.model.pair_names])
 
     def parameters(self, num_worlds: int) -> Parameters:
         """Return the twin's theta, for all worlds."""
@@ -51,7 +53,7 @@ class WorldPhysics:
 
     def advance(
         self, theta: Arrays, state: np.ndarray, p_WP: np.ndarray, v_WP: np.ndarray, halving: int = 0
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Discrete update of the state by the step of `pinwm_drake.physics`, which identification differentiates.
 
         Args:
@@ -62,7 +64,7 @@ class WorldPhysics:
             halving: Number of times that time steps are halved at first; worlds that fail take shorter ones.
 
         Returns:
-            The objects' state (W, 13), and p_WP (W, 3).
+            The objects' state (W, 13), p_WP (W, 3), and the norms (W,) N s of the impulses from pushers to objects.
 
         Raises:
             SolverError: The contacts of a world have no solution, nor with shorter steps.
@@ -70,25 +72,31 @@ class WorldPhysics:
         V_WP = np.zeros((self.steps << halving, len(state), 6))
         V_WP[:, :, 3:] = v_WP
         try:
-            q, p, V, _, p_P = self._stepper(halving).advance(theta, self._at_B(theta[4], state, p_WP), V_WP)
+            *_, frames, _, given = self._stepper(halving).roll(
+                theta, self._at_B(theta[4], state, p_WP), V_WP, len(V_WP), keep=False, pairs=len(self._by_pusher)
+            )
         except SolverError as error:
             if halving == _HALVINGS:
                 raise
-            after, p_WP_after = np.empty_like(state), np.empty_like(p_WP)
+            after, p_WP_after, impulse = np.empty_like(state), np.empty_like(p_WP), np.empty(len(state))
             failed = np.isin(np.arange(len(state)), error.worlds)
             self.retries += int(failed.sum())
             for part, again in ((failed, halving + 1), (~failed, halving)):
                 if part.any():
                     some = tuple([values[part] for values in theta])
                     try:
-                        after[part], p_WP_after[part] = self.advance(some, state[part], p_WP[part], v_WP[part], again)
+                        after[part], p_WP_after[part], impulse[part] = self.advance(
+                            some, state[part], p_WP[part], v_WP[part], again
+                        )
                     except SolverError as last:
                         # Counted within the part.
                         worlds = tuple(np.flatnonzero(part)[list(last.worlds)].tolist())
                         raise SolverError(f"{last} (worlds {worlds} of all)", worlds=worlds) from last
-            return after, p_WP_after
+            return after, p_WP_after, impulse
+        q, p, V, _, p_P = (frame[1] for frame in frames[:5])
         after = np.concatenate([q[:, 0], p[:, 0], V[:, 0]], axis=1)
-        return self._moved(after, theta[4], -1.0), p_P
+        impulse = np.linalg.norm(given[:, self._by_pusher].sum(1), axis=1)
+        return self._moved(after, theta[4], -1.0), p_P, impulse
 
     def _moved(self, state: np.ndarray, center: np.ndarray, way: float) -> np.ndarray:
         """States (W, 13) at the centre of mass B instead of O (way 1), or back (way -1); `center` of `Parameters`."""

@@ -31,6 +31,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
                                 │            │─► object_state      (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s]
         pusher_velocity_W       │            │─► pusher_state       (6 W): p_WP [m], v_WP [m/s]
         (3 W): v_WP [m/s]  ────►│ WorldModel │─► plant_positions     (10): p_WP, q_WO, p_WO of world 0
+                                │            │─► pusher_impulse      (W): N s, pushers on objects, sum so far of norms
                                 │            │─► rgb         ImageRgba8U : of world 0
                                 │            │─► rgb_batch   Value[array]: (W, height, width, 4) uint8
                                 │            │─► contact_forces  Value[ContactForces]
@@ -72,6 +73,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         place = StartDistribution(setup).middle()
         self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
         self._pusher = self.DeclareDiscreteState(np.tile([*place.p_WP, 0.0, 0.0, 0.0], W))
+        self._impulse = self.DeclareDiscreteState(np.zeros(W))
         self._velocity = self.DeclareVectorInputPort("pusher_velocity_W", 3 * W)
         self.DeclarePeriodicDiscreteUpdateEvent(setup.period, 0.0, unowned(self, self._Update))
         x, theta = self.xd_ticket(), self.all_parameters_ticket()
@@ -82,6 +84,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         )
         self.DeclareStateOutputPort("object_state", self._object)
         self.DeclareStateOutputPort("pusher_state", self._pusher)
+        self.DeclareStateOutputPort("pusher_impulse", self._impulse)
         declare_vector(self, "plant_positions", 10, self._CalcPlantPositions, {x})
         camera = setup.camera
         declare_image(self, "rgb", (camera.width, camera.height), lambda mine: one.Eval(mine)[0], {one.ticket()})
@@ -208,9 +211,10 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
     def _Update(self, context: Context, values: DiscreteValues) -> None:
         v_WP = self._rows(self._velocity.Eval(context))
         theta, (state, p_WP) = self._checked.Eval(context)[1], self._state(context)
-        state, p_WP = self.physics.advance(theta, state, p_WP, v_WP)
+        state, p_WP, impulse = self.physics.advance(theta, state, p_WP, v_WP)
         values.set_value(self._object, state.ravel())
         values.set_value(self._pusher, np.concatenate([p_WP, v_WP], axis=1).ravel())
+        values.set_value(self._impulse, context.get_discrete_state(self._impulse).value() + impulse)
 
     def _CalcTheta(self, context: Context) -> tuple[Parameters, tuple[np.ndarray, ...]]:
         tensors = (

@@ -7,6 +7,7 @@ from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
+from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks.waypoints import Waypoints
 
 
@@ -174,3 +175,16 @@ def test_velocities_in_a_training_of_flips_are_disturbed_in_shares_of_themselves
     assert v[128:].mean(0) == pytest.approx([slower, 0.0, 0.0], abs=0.02)
     assert v[128:].std(0) == pytest.approx(np.full(3, 0.1 * slower), rel=0.2)
     assert TrainingWorlds("push_t", num_worlds=1).worlds("state").worlds.disturbance == 0.0
+
+
+def test_an_episode_in_which_the_pusher_pinches_the_object_has_failed():
+    worlds = TrainingWorlds("flip_mug", training_options(), num_worlds=2, domains=CousinDomains(0.0))
+    env = worlds.task_worlds("state").worlds
+    place = StartDistribution(env.setup).middle()
+    over = place.X_WO.translation() + [0.0, 0.0, 0.055]  # the pusher touches it from above, or is far from it
+    p_WP = np.array([over, over + [0.0, 0.0, 0.1]])
+    env.set_object_states(np.tile(place.object_state, (2, 1)), p_WP)
+    out = env.advance(np.tile([0.0, 0.0, -0.3], (2, 1)))
+    assert out.terminated.tolist() == [True, False]
+    assert list(out.failures) == [0] and "mean force over 50.0 N" in out.failures[0]
+    assert not out.progress.success.any()

@@ -243,6 +243,21 @@ def test_contact_forces_bear_the_weight(one):
     assert np.abs(forces.p_WC[:, 2]).max() < 1e-4
 
 
+def test_the_impulse_of_a_pusher_is_the_momentum_that_it_gives_on_a_floor_without_friction():
+    world = WorldModel(setup_of(2, steps=30, friction=0.0))
+    context = pushed(world)
+    state_at(world, context, 0.0)  # at rest
+    moved = state_at(world, context, 30 * H)
+    mass = world.GetParameters(context).mass[:, 0].numpy()
+    momentum = mass * np.linalg.norm(moved[:, 10:13], axis=1)
+    assert momentum.min() > 0.1
+    impulse = world.GetOutputPort("pusher_impulse")
+    np.testing.assert_allclose(impulse.Eval(context), momentum, rtol=1e-4)  # it rubs a little upwards too
+    world.get_input_port().FixValue(context, np.tile([-0.4, 0.0, 0.0], 2))  # away from it
+    state_at(world, context, 60 * H)
+    np.testing.assert_allclose(impulse.Eval(context), momentum, rtol=1e-4)  # it rubs a little upwards too
+
+
 def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
     physics = one.physics
     p_OB = np.array([0.01, -0.02, 0.005])
@@ -255,7 +270,7 @@ def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
     assert np.allclose(V_WB[0, 0, 3:], V_WO[3:] + np.cross(V_WO[:3], X_WO.rotation() @ p_OB), atol=1e-15)
     # In free fall the centre of mass flies straight, and O around it.
     theta = tuple(values.numpy().copy() for values in physics.parameters(1).tensors())
-    after, _ = physics.advance(theta, state, np.array([[0.0, 0, 10]]), np.zeros((1, 3)))
+    after, _, _ = physics.advance(theta, state, np.array([[0.0, 0, 10]]), np.zeros((1, 3)))
     R_WO = RigidTransform(Quaternion(after[0, :4]), after[0, 4:7]).rotation()
     moved = after[0, 4:7] + R_WO @ p_OB - X_WO @ p_OB
     assert np.allclose(moved, H * (V_WB[0, 0, 3:] + [0, 0, -0.5 * 9.81 * H]), atol=1e-15)
@@ -267,25 +282,25 @@ def test_a_world_without_a_solution_takes_shorter_steps(one, monkeypatch):
     state = np.tile(context.get_discrete_state(0).value(), (3, 1))
     state[:, 10] = 0.3
     given = (theta, state, np.tile([0.0, 0, 10], (3, 1)), np.array([[0.1, 0, 0], [0.15, 0, 0], [0.2, 0, 0]]))
-    expected, _ = physics.advance(*given)
-    advance = Stepper.advance
+    expected, _, _ = physics.advance(*given)
+    roll = Stepper.roll
 
-    def refuse(self, theta, state, V_WP):
+    def refuse(self, theta, state, V_WP, *others, **named):
         bad = np.flatnonzero(V_WP[0, :, 3] == 0.15)
         if len(bad) and self.model.time_step > 0.9 * H:
             raise SolverError("world", worlds=tuple(bad))
-        return advance(self, theta, state, V_WP)
+        return roll(self, theta, state, V_WP, *others, **named)
 
-    monkeypatch.setattr(Stepper, "advance", refuse)
-    found, p_WP = physics.advance(*given)
+    monkeypatch.setattr(Stepper, "roll", refuse)
+    found, p_WP, _ = physics.advance(*given)
     assert (found[[0, 2]] == expected[[0, 2]]).all()
     assert 0 < np.abs(found[1] - expected[1]).max() < 1e-3  # two half steps instead of one
     assert np.allclose(p_WP[:, 0], given[3][:, 0] * H, atol=1e-15)
 
-    def never(*_):
+    def never(*_, **named):
         raise SolverError("none", worlds=(0,))
 
-    monkeypatch.setattr(Stepper, "advance", never)
+    monkeypatch.setattr(Stepper, "roll", never)
     with pytest.raises(SolverError):
         physics.advance(*given)
 
@@ -294,15 +309,15 @@ def test_worlds_without_any_solution_are_named_among_all(one, monkeypatch):
     theta = tuple(np.repeat(values, 4, axis=0) for values in one._checked.Eval(one.CreateDefaultContext())[1])
     state = np.tile(one.CreateDefaultContext().get_discrete_state(0).value(), (4, 1))
     v_WP = np.array([[0.1, 0, 0], [0.15, 0, 0], [0.2, 0, 0], [0.15, 0, 0]])
-    advance = Stepper.advance
+    roll = Stepper.roll
 
-    def refuse(self, theta, state, V_WP):
+    def refuse(self, theta, state, V_WP, *others, **named):
         bad = np.flatnonzero(V_WP[0, :, 3] == 0.15)
         if len(bad):
             raise SolverError("world", worlds=tuple(bad))
-        return advance(self, theta, state, V_WP)
+        return roll(self, theta, state, V_WP, *others, **named)
 
-    monkeypatch.setattr(Stepper, "advance", refuse)
+    monkeypatch.setattr(Stepper, "roll", refuse)
     with pytest.raises(SolverError) as failure:
         one.physics.advance(theta, state, np.tile([0.0, 0, 10], (4, 1)), v_WP)
     assert failure.value.worlds == (1, 3)
