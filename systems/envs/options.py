@@ -32,6 +32,7 @@ class EnvOptions:
         time_step: s, step of the twin's physics; None for that of the scene. It divides the horizon of an action.
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
+        lag: s, least and largest time constant with which the pusher's velocity follows; drawn for each episode.
         history: Number of the last actions that are seen, with the states before them; see `Observer`.
         view: (3,) m, world, by which images show the object beside where it is, as a twin's `view_x` to `view_z` tell
             of a camera that was calibrated wrongly; in the twin's worlds alone.
@@ -48,6 +49,7 @@ class EnvOptions:
     time_step: float | None = None
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
+    lag: tuple[float, float] = (0.0, 0.0)
     history: int = 0
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 

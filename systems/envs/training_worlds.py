@@ -130,6 +130,7 @@ class TrainingWorlds:
             "disturbance": recipe.disturbance,
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
             "latency": list(self.options.latency),
+            **({"lag": list(self.options.lag)} if any(self.options.lag) else {}),
             "view": list(self.options.view),
         }
 

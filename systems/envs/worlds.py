@@ -109,7 +109,7 @@ class Worlds:
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
         self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
-        parts = most_parts(self.setup) if any(options.latency) else 1
+        parts = most_parts(self.setup) if any(options.latency) or any(options.lag) else 1
         self.run = StationRun(self.setup, engine, options.max_translation, parts)
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames, options.history)
@@ -117,7 +117,8 @@ class Worlds:
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self.most_force: float | None = None
-        self._delay = Delay(options.latency, self.setup.scenario.pusher.horizon, num_worlds, self.task, parts)
+        horizon = self.setup.scenario.pusher.horizon
+        self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag)
         if any(options.view):
             require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC

@@ -95,6 +95,16 @@ class TrainRequest:
             default="the station's, or 0 0",
         ),
     ] = None
+    lag: Annotated[
+        tuple[float, float],
+        option(
+            "Least and largest time constant of the pusher's velocity.",
+            group=LAB,
+            unit="s",
+            metavar="MIN MAX",
+            allowed="0 or more, the least first",
+        ),
+    ] = (0.0, 0.0)
     station: Annotated[
         Path | None,
         option("File station.yaml of the lab whose camera, workspace, starts and delays are trained for.", group=LAB),
@@ -146,6 +156,8 @@ class TrainRequest:
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
         least, most = self.latency or (0.0, 0.0)
         require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
+        least, most = self.lag
+        require("--lag", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")
         calibrated = self.station is None or not self.as_filmed

@@ -27,6 +27,29 @@ def test_what_takes_effect_is_the_mean_of_what_was_asked_for_so_much_before(late
     np.testing.assert_allclose(delayed(latency, parts), mean, atol=1e-12)
 
 
+@pytest.mark.parametrize(("latency", "lag"), [(0.0, 0.04), (0.05, 0.08), (0.1, 0.01)])
+def test_with_a_lag_the_velocity_follows_what_is_due(latency, lag):
+    delay = Delay((latency, latency), 0.1, 1, PushTask(), 4, (lag, lag))
+    delay.begin(0, np.random.default_rng(0))
+    found = np.stack([delay(action[None])[:, 0] for action in ACTIONS])
+    # The velocity that is due, and a lag of it in 10,000 short steps a second.
+    due, v = np.repeat(delayed(latency, 4).reshape(-1, 2), 250, axis=0), np.zeros(2)
+    went = []
+    for wanted in due:
+        before, v = v, v + (wanted - v) * 1e-4 / lag
+        went.append(0.5 * (before + v))
+    np.testing.assert_allclose(found, np.array(went).reshape(len(ACTIONS), 4, 250, 2).mean(2), atol=2e-3)
+
+
+def test_a_pusher_that_lags_goes_on_from_actions_that_were_asked_for_before():
+    delay = Delay((0.0, 0.0), 0.1, 1, PushTask(), 2, (0.05, 0.05))
+    delay.begin(0, np.random.default_rng(0))
+    assert delay.depth == 1
+    delay.recall(0, np.array([[1.0, 0.0]]))
+    moved = delay(np.zeros((1, 2)))[:, 0, 0]
+    assert 1.0 > moved[0] > moved[1] > 0.0
+
+
 def test_without_a_latency_actions_stay_as_they_are():
     assert np.array_equal(delayed(0.0)[:, 0], ACTIONS)
 

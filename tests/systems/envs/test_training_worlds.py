@@ -181,10 +181,11 @@ def test_an_episode_in_which_the_pusher_pinches_the_object_has_failed():
     worlds = TrainingWorlds("flip_mug", training_options(), num_worlds=2, domains=CousinDomains(0.0))
     env = worlds.task_worlds("state").worlds
     place = StartDistribution(env.setup).middle()
-    over = place.X_WO.translation() + [0.0, 0.0, 0.055]  # the pusher touches it from above, or is far from it
-    p_WP = np.array([over, over + [0.0, 0.0, 0.1]])
+    heights = np.array([[0.0, 0.0, 0.055], [0.0, 0.0, 0.155]])  # the pusher touches it from above, or is far from it
+    p_WP = place.X_WO.translation() + heights
     env.set_object_states(np.tile(place.object_state, (2, 1)), p_WP)
     out = env.advance(np.tile([0.0, 0.0, -0.3], (2, 1)))
     assert out.terminated.tolist() == [True, False]
-    assert list(out.failures) == [0] and "mean force over 50.0 N" in out.failures[0]
+    assert list(out.failures) == [0]
+    assert "mean force over 50.0 N" in out.failures[0]
     assert not out.progress.success.any()
