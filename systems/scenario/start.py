@@ -13,7 +13,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
+from pinwm_drake.systems.scenario.schema import Start
 from pinwm_drake.systems.scenario.setup import Setup
+
+_STRAY, _GAP = 0.12, 0.15  # m, of a further try
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,7 @@ class StartDistribution:
     def __init__(self, setup: Setup) -> None:
         self._start = setup.scenario.start
         self._floor_height = setup.twin.floor_height
+        self._low, self._high = setup.scenario.pusher.low, setup.scenario.pusher.high
         self.vertices = load_mesh(setup.twin.mesh_path).vertices
         self._reach = upright_shape(setup.twin.pusher).radius
         q_WO = np.array(self._start.q_WO)
@@ -52,7 +56,7 @@ class StartDistribution:
 
     def middle(self) -> Place:
         """Place at the middle of every range, without a roll."""
-        return self._place(lambda ends: 0.5 * (ends[0] + ends[1]))
+        return self._place(self._start, lambda ends: 0.5 * (ends[0] + ends[1]))
 
     def extremes(self) -> list[Place]:
         """Places at the ends of the ranges of x, y and yaw, and at the middle of yaw."""
@@ -63,17 +67,33 @@ class StartDistribution:
             def pick(ends: list[float], left: Iterator[float] = left) -> float:
                 return ends[0] + next(left) * (ends[1] - ends[0])
 
-            places.append(self._place(pick))
+            places.append(self._place(self._start, pick))
         return places
 
     def draw(self, generator: np.random.Generator) -> Place:
         """Random place, each number drawn evenly from its range."""
-        rolls = self._start.rolls
-        roll = int(generator.integers(rolls)) if rolls > 1 else 0
-        return self._place(lambda ends: float(generator.uniform(ends[0], ends[1])), 2.0 * math.pi * roll / rolls)
+        return self._drawn(self._start, generator)
 
-    def _place(self, pick: Callable[[list[float]], float], roll: float = 0.0) -> Place:
-        start = self._start
+    def anywhere(self, generator: np.random.Generator) -> Place:
+        """Random place of a further try: the object where others have left it, the pusher on any side of it.
+
+        The object is up to 0.12 m outside the ranges of x and y, at any yaw; the gap is up to 0.15 m, and the pusher is
+        between its height at the start and the top of its box.
+        """
+        start, whole = self._start, [-math.pi, math.pi]
+        x, y = ([min(ends) - _STRAY, max(ends) + _STRAY] for ends in (start.x, start.y))
+        gap = [min(start.pusher_gap), _GAP]
+        wide = dataclasses.replace(start, x=x, y=y, yaw=whole, pusher_angle=whole, pusher_gap=gap)
+        place = self._drawn(wide, generator)
+        height = generator.uniform(start.pusher_height, self._high[2])
+        return Place(place.X_WO, np.clip([*place.p_WP[:2], height], self._low, self._high))
+
+    def _drawn(self, start: Start, generator: np.random.Generator) -> Place:
+        roll = int(generator.integers(start.rolls)) if start.rolls > 1 else 0
+        turn = 2.0 * math.pi * roll / start.rolls
+        return self._place(start, lambda ends: float(generator.uniform(ends[0], ends[1])), turn)
+
+    def _place(self, start: Start, pick: Callable[[list[float]], float], roll: float = 0.0) -> Place:
         ranges = (start.x, start.y, start.yaw, start.pusher_angle, start.pusher_gap)
         x, y, yaw, angle, gap = (pick(ends) for ends in ranges)
         R_WO = RotationMatrix.MakeZRotation(yaw) @ self._R

@@ -84,6 +84,26 @@ def test_objects_of_shipped_scenarios_start_on_the_floor_with_the_pusher_in_its_
     assert (np.abs(p_C[:2] / p_C[2]) < math.tan(0.5 * setup.scenario.camera.fov_y)).all()
 
 
+def test_a_further_try_begins_with_the_pusher_on_any_side_of_an_object_that_was_moved():
+    setup = make_setup(load_scenario(URL.format("flip_mug")))
+    low, high = np.array(setup.scenario.pusher.low), np.array(setup.scenario.pusher.high)
+    starts, generator = StartDistribution(setup), np.random.default_rng(0)
+    places = [starts.anywhere(generator) for _ in range(200)]
+    for place in places:
+        corners = starts.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
+        assert corners[:, 2].min() == pytest.approx(0, abs=1e-12)
+        assert (low <= place.p_WP).all()
+        assert (place.p_WP <= high).all()
+    away = np.array([place.p_WP - place.X_WO.translation() for place in places])
+    base = np.array([-place.X_WO.rotation().matrix()[:, 2] for place in places])
+    side = np.einsum("pi,pi->p", away[:, :2], base[:, :2]) / np.linalg.norm(away[:, :2], axis=1)
+    assert np.histogram(np.arccos(side.clip(-1, 1)), 4, (0.0, math.pi))[0].min() > 25
+    moved = np.array([place.X_WO.translation()[:2] for place in places])
+    assert 0.15 < np.abs(moved).max() < 0.18
+    draws = np.random.default_rng(1), np.random.default_rng(1)
+    assert (starts.draw(draws[0]).p_WP == StartDistribution(setup).draw(draws[1]).p_WP).all()
+
+
 def test_the_mug_of_flip_lies_on_a_facet_with_its_base_towards_the_pusher():
     setup = make_setup(load_scenario(URL.format("flip_mug")))
     place = StartDistribution(setup).middle()
