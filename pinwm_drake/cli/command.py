@@ -4,6 +4,7 @@
 import dataclasses
 import inspect
 import os
+import re
 import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -23,6 +24,9 @@ _CONFIG = "config"
 _MARKS = {"twin": "twin.yaml", "policy": "policy.yaml", "bundle": "contract.yaml", "capture": "capture.yaml"}
 _DEEPEST = 3  # folders below the one that is typed
 _MOST = 200  # folders that are looked into
+
+
+_OR_MORE = re.compile(r"([\d.e-]+) or more")
 
 
 def add_command(
@@ -101,7 +105,7 @@ def _help(field: RequestField, choices: tuple[str, ...]) -> str:
     if choices:
         text += f". One of {', '.join(choices)}"
     elif not shown.argument and (allowed := bounds(field.info)):
-        text += f" ({allowed})"
+        text += _OR_MORE.sub(r"≥ \1", f" ({allowed})")
     told = not any(default is one for one in (None, False, True, dataclasses.MISSING)) and default != ()
     given = shown.default or (" ".join(map(str, default if isinstance(default, tuple) else [default])) if told else "")
     return escape(f"{text}." + (f" [default: {given}]" if given else ""))

@@ -6,6 +6,7 @@ from typing import get_type_hints
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from pinwm_drake.cli.app import _LazyCommand, app
 
@@ -72,3 +73,10 @@ def test_options_with_a_unit_show_it_in_brackets():
             assert (f"[{unit}]" in shown[name]) == (unit != "1"), (path, name, shown[name])
     shown = [one.metavar for name, one in texts() if name.endswith((" --low", " --box-low", " --goal"))]
     assert set(shown) == {"X Y [m]", "X Y Z [m]", "X Y YAW [m, m, rad]"}
+
+
+def test_the_help_of_train_fits_two_screens(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    shown = CliRunner().invoke(app, ["train", "--help"])
+    assert shown.exit_code == 0
+    assert 60 < len(shown.output.splitlines()) <= 100

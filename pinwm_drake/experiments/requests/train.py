@@ -21,7 +21,7 @@ class TrainRequest:
 
     scene: Annotated[str, argument("Folder of a twin, or a scenario such as push_t.", "TWIN", completes="twin")]
     out: Annotated[Path, option("Folder of run and policy.", "--out", "-o", result="inside")]
-    task: Annotated[str | None, option("Task to learn, such as flip.", default="the scene's")] = None
+    task: Annotated[str | None, option("Task, such as flip.", default="the scene's")] = None
     goals: Annotated[Literal["fixed", "random"], option("Goal of each episode.")] = "fixed"
     goal_reach: Annotated[float, option("Largest x and y of a random goal.", unit="m", ge=0)] = 0.1
     goal_turn: Annotated[float, option("Largest yaw of a random goal.", unit="rad", ge=0, default="π", **_PI)] = math.pi
@@ -33,18 +33,14 @@ class TrainRequest:
     ] = None
     in_scene: Annotated[
         str | None,
-        option(
-            "Scenario that the twin's object is placed in.", "--scene", group=DATA, default="its own", completes="scene"
-        ),
+        option("Scenario to place the object in.", "--scene", group=DATA, default="its own", completes="scene"),
     ] = None
-    delta: Annotated[
-        float, option("Relative half-width of the randomisation; 0 for the twin alone.", group=DATA, ge=0, lt=1)
-    ] = 0.1
-    from_intervals: Annotated[bool, option("Draw identified parameters from the twin's posterior.", group=DATA)] = False
+    delta: Annotated[float, option("Relative half-width of the randomisation.", group=DATA, ge=0, lt=1)] = 0.1
+    from_intervals: Annotated[bool, option("Draw parameters from the twin's posterior.", group=DATA)] = False
     friction_floor: Annotated[
         tuple[float, float] | None,
         option(
-            "Friction on the floor, drawn for each episode.",
+            "Friction on the floor, per episode.",
             group=DATA,
             metavar="MIN MAX",
             default="the twin's",
@@ -53,29 +49,25 @@ class TrainRequest:
     friction_pusher: Annotated[
         tuple[float, float] | None,
         option(
-            "Friction at the pusher, drawn for each episode.",
+            "Friction at the pusher, per episode.",
             group=DATA,
             metavar="MIN MAX",
             default="the twin's",
         ),
     ] = None
     teacher: Annotated[
-        Path | None, option("Folder of a state policy to distil.", group=DATA, default="a new one", completes="policy")
+        Path | None, option("Teacher to distil.", group=DATA, default="a new one", completes="policy")
     ] = None
     method: Annotated[
         Literal["distil", "ppo", "state"],
-        option("Training method: teacher and student, PPO from images, or teacher.", group=BUDGET),
+        option("Training method; `state` trains the teacher alone.", group=BUDGET),
     ] = "distil"
     minutes: Annotated[float | None, option("Time budget of the training.", group=BUDGET, unit="min", gt=0)] = None
-    target: Annotated[float | None, option("Success rate at which training stops.", group=BUDGET, gt=0, le=1)] = None
-    worlds: Annotated[int, option("Number of simulated worlds that run in parallel.", group=BUDGET, ge=1)] = 64
-    steps: Annotated[
-        int | None, option("Number of RL steps, all worlds together.", group=BUDGET, ge=1, default="by method")
-    ] = None
-    episodes: Annotated[
-        int | None, option("Number of episodes of an evaluation.", group=BUDGET, ge=1, default="by method")
-    ] = None
-    threads: Annotated[int | None, option("Number of torch threads.", group=BUDGET, ge=1, default="one a core")] = None
+    target: Annotated[float | None, option("Success rate to stop at.", group=BUDGET, gt=0, le=1)] = None
+    worlds: Annotated[int, option("Parallel simulated worlds.", group=BUDGET, ge=1)] = 64
+    steps: Annotated[int | None, option("RL steps in all worlds.", group=BUDGET, ge=1, default="by method")] = None
+    episodes: Annotated[int | None, option("Episodes per evaluation.", group=BUDGET, ge=1, default="by method")] = None
+    threads: Annotated[int | None, option("Torch threads.", group=BUDGET, ge=1, default="one a core")] = None
     resume: Annotated[bool, option("Continue an interrupted run.", group=BUDGET)] = False
     yaw: Annotated[
         float | None,
@@ -87,7 +79,7 @@ class TrainRequest:
     latency: Annotated[
         tuple[float, float] | None,
         option(
-            "Shortest and longest delay of an action.",
+            "Delays of an action.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
@@ -98,7 +90,7 @@ class TrainRequest:
     lag: Annotated[
         tuple[float, float],
         option(
-            "Least and largest time constant of the pusher's velocity.",
+            "Time constants of the pusher's velocity.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
@@ -107,40 +99,34 @@ class TrainRequest:
     ] = (0.0, 0.0)
     station: Annotated[
         Path | None,
-        option("File station.yaml of the lab whose camera, workspace, starts and delays are trained for.", group=LAB),
+        option("File station.yaml of the lab.", group=LAB),
     ] = None
     as_filmed: Annotated[bool, option("Use the camera pose of the twin's video.", group=LAB)] = False
-    mask_error: Annotated[
-        float, option("Random error of the outlines in training images.", group=LAB, unit="px", ge=0, le=1)
-    ] = 0.0
+    mask_error: Annotated[float, option("Outline error in training.", group=LAB, unit="px", ge=0, le=1)] = 0.0
     image_size: Annotated[
         int | None,
-        option(
-            "Width and height of the policy's images.", group=LAB, unit="px", ge=1, default="the station's view, or 64"
-        ),
+        option("Size of the policy's images.", group=LAB, unit="px", ge=1, default="the station's view, or 64"),
     ] = None
-    frames: Annotated[int, option("Number of images that the policy sees.", group=LAB, ge=1)] = 3
+    frames: Annotated[int, option("Images that the policy sees.", group=LAB, ge=1)] = 3
     algorithm: Annotated[
         Literal["sac", "ppo"] | None,
-        option("RL algorithm for the state teacher.", group=ADVANCED, default="the task's"),
+        option("Teacher's RL algorithm.", group=ADVANCED, default="the task's"),
     ] = None
     round_steps: Annotated[
-        int | None, option("Number of RL steps between evaluations.", group=ADVANCED, ge=1, default="by method")
+        int | None, option("RL steps between evaluations.", group=ADVANCED, ge=1, default="by method")
     ] = None
-    rounds: Annotated[
-        int | None, option("Number of rounds of the student.", group=ADVANCED, ge=1, default="as needed")
-    ] = None
-    images: Annotated[
-        int | None, option("Number of images in a round of the student.", group=ADVANCED, ge=1, default="as needed")
-    ] = None
+    rounds: Annotated[int | None, option("Student's rounds.", group=ADVANCED, ge=1, default="as needed")] = None
+    images: Annotated[int | None, option("Student's images in a round.", group=ADVANCED, ge=1, default="as needed")] = (
+        None
+    )
     updates: Annotated[
-        int | None, option("Number of updates in a round of the student.", group=ADVANCED, ge=1, default="as needed")
+        int | None, option("Student's updates in a round.", group=ADVANCED, ge=1, default="as needed")
     ] = None
-    shift: Annotated[int | None, option("Random shift of the student's images.", group=ADVANCED, unit="px")] = None
-    history: Annotated[int, option("Number of past actions the policy sees.", group=ADVANCED, ge=0)] = 0
+    shift: Annotated[int | None, option("Random shift of student's images.", group=ADVANCED, unit="px")] = None
+    history: Annotated[int, option("Past actions seen.", group=ADVANCED, ge=0)] = 0
     auxiliary: Annotated[bool, option("Teach PPO to estimate the state as well.", group=ADVANCED)] = True
-    device: Annotated[str, option("Device of the networks: cpu or cuda.", group=ADVANCED)] = "cpu"
-    seed: Annotated[int, option("Seed of networks, worlds and cousins.", group=ADVANCED, ge=0)] = 0
+    device: Annotated[str, option("Device: cpu or cuda.", group=ADVANCED)] = "cpu"
+    seed: Annotated[int, option("Random seed.", group=ADVANCED, ge=0)] = 0
 
     def __post_init__(self) -> None:
         """Check options that depend on each other."""
