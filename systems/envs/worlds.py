@@ -183,8 +183,9 @@ class Worlds:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
-                draw = self._start.anywhere if kind < _MIDWAY + _AGAIN else self._start.draw
-                self.run.place(_chosen_place(draw(generator), given), world)
+                again = kind < _MIDWAY + _AGAIN
+                drawn = self._start.anywhere(generator)[0] if again else self._start.draw(generator)
+                self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)
             if row is not None:

@@ -15,6 +15,7 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
+from pinwm_drake.systems.mpc.approach import approaches
 from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
 from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
@@ -81,7 +82,8 @@ def find_waypoints(
 
     Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
     more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
-    with the largest share of replays that do the task stays: states of these replays, and what it does there.
+    with the largest share of replays that do the task stays: states of these replays, and what it does there. As many
+    states are of pushers that go around an object to where episodes begin, as after a try that failed.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -231,8 +233,11 @@ class _Search:
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
-            columns = [[getattr(found, column.name) for found, _ in replays] for column in fields(Waypoints)]
-            self.best = _Plan(Waypoints(*map(np.concatenate, columns)), share, actions)
+            found = _together([found for found, _ in replays])
+            ways = _together([approaches(self._replays, self._start, generator) for _ in replays])
+            some = generator.permutation(len(ways))[: len(found)]  # no more than states of the plan
+            ways = Waypoints(*(getattr(ways, column.name)[some] for column in fields(Waypoints)))
+            self.best = _Plan(_together([found, ways]), share, actions)
 
     def _seed_worlds(self, generator: np.random.Generator, starts: int) -> None:
         """Draws domains; worlds of the same start, which come round after so many, get the same latency and noise."""
@@ -279,6 +284,10 @@ class _Search:
         past = np.stack([earlier[:, k : k + depth][:, ::-1] for k in range(horizon)])  # (T, W, depth, n)
         found = Waypoints(object_state, p_WP, wanted.swapaxes(0, 1)[: len(kept)][kept], past[: len(kept)][kept])
         return found, float(success.mean())
+
+
+def _together(parts: list[Waypoints]) -> Waypoints:
+    return Waypoints(*(np.concatenate([getattr(one, column.name) for one in parts]) for column in fields(Waypoints)))
 
 
 def _states(worlds: Worlds) -> tuple[np.ndarray, np.ndarray]:

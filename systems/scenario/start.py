@@ -74,19 +74,23 @@ class StartDistribution:
         """Random place, each number drawn evenly from its range."""
         return self._drawn(self._start, generator)
 
-    def anywhere(self, generator: np.random.Generator) -> Place:
+    def anywhere(self, generator: np.random.Generator) -> tuple[Place, np.ndarray]:
         """Random place of a further try: the object where others have left it, the pusher on any side of it.
 
         The object is up to 0.12 m outside the ranges of x and y, at any yaw; the gap is up to 0.15 m, and the pusher is
         between its height at the start and the top of its box.
+
+        Returns:
+            The place, and the position (3,) m, world, of a pusher that begins there as the scene says.
         """
-        start, whole = self._start, [-math.pi, math.pi]
+        start = self._start
         x, y = ([min(ends) - _STRAY, max(ends) + _STRAY] for ends in (start.x, start.y))
-        gap = [min(start.pusher_gap), _GAP]
-        wide = dataclasses.replace(start, x=x, y=y, yaw=whole, pusher_angle=whole, pusher_gap=gap)
-        place = self._drawn(wide, generator)
-        height = generator.uniform(start.pusher_height, self._high[2])
-        return Place(place.X_WO, np.clip([*place.p_WP[:2], height], self._low, self._high))
+        begun = self._drawn(dataclasses.replace(start, x=x, y=y, yaw=[-math.pi, math.pi]), generator)
+        angle, height = generator.uniform(-math.pi, math.pi), generator.uniform(start.pusher_height, self._high[2])
+        distance = self._radius(begun.X_WO.rotation()) + generator.uniform(min(start.pusher_gap), _GAP)
+        away = [distance * math.cos(angle), distance * math.sin(angle)]
+        p_WP = np.clip([*begun.X_WO.translation()[:2] + away, height], self._low, self._high)
+        return Place(begun.X_WO, p_WP), begun.p_WP
 
     def _drawn(self, start: Start, generator: np.random.Generator) -> Place:
         roll = int(generator.integers(start.rolls)) if start.rolls > 1 else 0
@@ -101,10 +105,13 @@ class StartDistribution:
             R_WO = R_WO @ RotationMatrix(AngleAxis(roll, self._roll_axis))
         angle += yaw if start.pusher_from == "object" else 0.0
         X_WO = on_floor(self.vertices, R_WO, x, y, self._floor_height)
-        turned = self.vertices @ R_WO.matrix()[:2].T
-        distance = np.linalg.norm(turned, axis=1).max() + gap + self._reach
+        distance = self._radius(R_WO) + gap
         p_WP = [x + distance * math.cos(angle), y + distance * math.sin(angle), start.pusher_height]
         return Place(X_WO, np.array(p_WP))
+
+    def _radius(self, R_WO: RotationMatrix) -> float:
+        """Level distance [m] of the pusher from the object's origin at which they may touch."""
+        return float(np.linalg.norm(self.vertices @ R_WO.matrix()[:2].T, axis=1).max()) + self._reach
 
 
 def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:

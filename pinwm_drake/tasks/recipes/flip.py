@@ -19,7 +19,7 @@ def _assembly(task: FlipTask, low: np.ndarray, high: np.ndarray) -> Any:
 FLIP = Recipe(
     scene="flip_mug",
     algorithm="ppo",
-    training_step=1 / 480,  # at 1.5 m/s the pusher moves 3 mm
+    training_step=1 / 480,  # at 1.25 m/s the pusher moves 2.6 mm
     heading=15,
     level_vectors=(0, 3, 6, 9, 12, 15),
     disturbance=0.1,  # one action of random ones ends 0.1 rad from where another engine has it

@@ -88,7 +88,7 @@ def test_a_further_try_begins_with_the_pusher_on_any_side_of_an_object_that_was_
     setup = make_setup(load_scenario(URL.format("flip_mug")))
     low, high = np.array(setup.scenario.pusher.low), np.array(setup.scenario.pusher.high)
     starts, generator = StartDistribution(setup), np.random.default_rng(0)
-    places = [starts.anywhere(generator) for _ in range(200)]
+    places = [starts.anywhere(generator)[0] for _ in range(200)]
     for place in places:
         corners = starts.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
         assert corners[:, 2].min() == pytest.approx(0, abs=1e-12)
