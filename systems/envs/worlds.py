@@ -23,7 +23,7 @@ from pinwm_drake.tasks.task import Progress
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _DOMAIN = "domain."
-_MIDWAY, _AGAIN = 0.5, 0.25  # shares of the episodes that begin in a waypoint, where there are any, and anywhere
+_MIDWAY = 0.6  # share of the episodes that begin in a waypoint, where there are any
 RESET_OPTIONS = ("place", "X_WO", "p_WP", "goal")
 OnReset = Callable[[int], Cousin | None]
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -81,9 +81,8 @@ class Worlds:
         progress: Progress of the worlds now.
         max_steps: Number of actions after which an episode is truncated.
         observation_space, action_space: Spaces of one world.
-        waypoints: States in which half of the episodes of a training begin, so that all of the way to the goal is met;
-            a quarter begins at places of a further try then (`StartDistribution.anywhere`). None at first, and none
-            within `usual_starts`.
+        waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
+            first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
@@ -178,13 +177,12 @@ class Worlds:
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
             generator, given = self._random[world], options[world] if options else None
-            row, kind = None, 1.0 if given or not len(self.waypoints) else generator.random()
-            if kind < _MIDWAY:
+            row = None
+            if not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
-                again = kind < _MIDWAY + _AGAIN
-                drawn = self._start.anywhere(generator)[0] if again else self._start.draw(generator)
+                drawn = self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)

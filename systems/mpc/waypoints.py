@@ -15,7 +15,7 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
-from pinwm_drake.systems.mpc.approach import approaches
+from pinwm_drake.systems.mpc.approach import around
 from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
 from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
@@ -25,6 +25,7 @@ STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
 _ALIKE = 0.05  # mean difference of two plans' actions, up to which they count as one
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
+_AGAIN, _WAY = 3, 10  # replays that begin anywhere, for each that does not; the most actions of a way around
 _ELITE, _MOMENTUM, _LEAST = 0.25, 0.2, 0.03  # of the rounds that make a plan more robust
 
 
@@ -82,8 +83,9 @@ def find_waypoints(
 
     Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
     more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
-    with the largest share of replays that do the task stays: states of these replays, and what it does there. As many
-    states are of pushers that go around an object to where episodes begin, as after a try that failed.
+    with the largest share of replays that do the task stays: states of these replays, and what it does there. More
+    replays begin anywhere, as after a try that failed: the pusher goes around the object first, to where episodes
+    begin.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -233,11 +235,9 @@ class _Search:
         replays = [self._replay(actions, generator) for _ in range(self._options.replays)]
         share = float(np.mean([share for _, share in replays]))
         if share > self.best.share:
-            found = _together([found for found, _ in replays])
-            ways = _together([approaches(self._replays, self._start, generator) for _ in replays])
-            some = generator.permutation(len(ways))[: len(found)]  # no more than states of the plan
-            ways = Waypoints(*(getattr(ways, column.name)[some] for column in fields(Waypoints)))
-            self.best = _Plan(_together([found, ways]), share, actions)
+            again = [self._replay(actions, generator, again=True) for _ in range(_AGAIN * self._options.replays)]
+            columns = [[getattr(one, column.name) for one, _ in [*replays, *again]] for column in fields(Waypoints)]
+            self.best = _Plan(Waypoints(*map(np.concatenate, columns)), share, actions)
 
     def _seed_worlds(self, generator: np.random.Generator, starts: int) -> None:
         """Draws domains; worlds of the same start, which come round after so many, get the same latency and noise."""
@@ -264,12 +264,13 @@ class _Search:
         )
         return np.array([heading_turn(self._replays.task, place.object_state, place.p_WP) for place in places])
 
-    def _replay(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[Waypoints, float]:
+    def _replay(
+        self, actions: np.ndarray, generator: np.random.Generator, *, again: bool = False
+    ) -> tuple[Waypoints, float]:
         """Return the waypoints of those replays of a plan that did the task, and their share."""
         worlds, W = self._replays, self._replays.num_worlds
         worlds.begin(np.arange(W))  # for the domains
-        wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
-        noise = self._noise(W, self._options.noise, generator)
+        wanted, noise = self._again(actions, generator) if again else self._once(actions, generator)
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
         asked = np.clip(wanted + noise, -1.0, 1.0)
         for going, out in carried_out(worlds, asked):
@@ -285,9 +286,27 @@ class _Search:
         found = Waypoints(object_state, p_WP, wanted.swapaxes(0, 1)[: len(kept)][kept], past[: len(kept)][kept])
         return found, float(success.mean())
 
+    def _once(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Put the worlds at starts; gives a plan's actions there and the noise on them, (W, horizon, n) each."""
+        W = self._replays.num_worlds
+        wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
+        return wanted, self._noise(W, self._options.noise, generator)
 
-def _together(parts: list[Waypoints]) -> Waypoints:
-    return Waypoints(*(np.concatenate([getattr(one, column.name) for one in parts]) for column in fields(Waypoints)))
+    def _again(self, actions: np.ndarray, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Put the worlds anywhere; gives ways to the starts with a plan after them, and noise on the latter."""
+        worlds, (horizon, n) = self._replays, actions.shape
+        W, longest = worlds.num_worlds, worlds.run.max_translation
+        drawn = [self._start.anywhere(generator) for _ in range(W)]
+        self._place([place for place, _ in drawn])
+        wanted, noise = np.zeros((2, W, _WAY + horizon, n))
+        noises = self._noise(W, self._options.noise, generator)
+        for world, (place, begun) in enumerate(drawn):
+            steps = np.diff(around(place.X_WO.translation(), place.p_WP, begun, longest), axis=0)[:_WAY] / longest
+            plan = np.s_[world, len(steps) : len(steps) + horizon]
+            wanted[world, : len(steps)] = steps
+            wanted[plan] = actions @ heading_turn(worlds.task, place.object_state, begun).T
+            noise[plan] = noises[world]
+        return wanted, noise
 
 
 def _states(worlds: Worlds) -> tuple[np.ndarray, np.ndarray]:
