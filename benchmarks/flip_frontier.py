@@ -29,7 +29,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 SCENES = ("flip_mug", "flip_mug_handle", "flip_cube")
 FLOOR, PUSHER = (0.05, 0.1, 0.2, 0.3, 0.5), (0.3, 0.45, 0.6, 0.9, 1.2)
 NEAR = (0.45, 0.6, 0.9), (0.1, 0.2, 0.3)  # pusher and floor, of the first scene with these:
-MORE = ((0.08, 1.0), (0.0, 0.5), (0.0, 1.5))  # delay [s] and speed [m/s], beside none and 1 m/s
+SPEED, MORE = 1.25, ((0.08, 1.25), (0.0, 1.0), (0.0, 0.5))  # m/s; delay [s] and speed [m/s] beside no delay and that
 NAMES = ("scene", "pusher", "floor", "latency", "speed")
 WORLDS = 64
 
@@ -81,7 +81,7 @@ def main() -> None:
         if stored["strokes"] != given.strokes:
             parser.error(f"--strokes: got {given.strokes}; allowed: {stored['strokes']}, as {given.out} has them")
         rows = stored["results"]
-    cells = [(scene, *one, 0.0, 1.0) for scene in given.scene for one in product(PUSHER, FLOOR)]
+    cells = [(scene, *one, 0.0, SPEED) for scene in given.scene for one in product(PUSHER, FLOOR)]
     cells += [(scene, *one, *more) for scene in given.scene[:1] for more in MORE for one in product(*NEAR)]
     for scene, pusher, floor, latency, speed in cells:
         if (scene, pusher, floor, latency, speed) in [tuple(row[name] for name in NAMES) for row in rows]:

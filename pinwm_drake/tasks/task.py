@@ -54,6 +54,7 @@ class Task(ABC):
         state_size: Number of components of `state`.
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
+        blurs: Flag: a teacher of the state is trained with errors of what it sees; see `blurred`.
     """
 
     name: ClassVar[str]
@@ -61,6 +62,7 @@ class Task(ABC):
     state_size: ClassVar[int]
     state_bound: ClassVar[float] = 20.0
     max_steps: ClassVar[int] = 100
+    blurs: ClassVar[bool] = False
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:
@@ -198,6 +200,15 @@ class Task(ABC):
     def for_training(self) -> Self:
         """Return the task with the rewards that a policy learns from."""
         return self
+
+    def blurred(self, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """State (W, state_size) as an estimate from images may have it: what a student of a teacher will act on.
+
+        Args:
+            state: (W, state_size), as `state` gives it.
+            noise: (W, state_size), standard normal.
+        """
+        return state
 
     def state_components(self) -> tuple[tuple[str, str], ...]:
         """Meaning and unit of each component of `state`; with the unit "0.1 m" a 1 stands for 0.1 m."""

@@ -85,6 +85,7 @@ class Worlds:
             first, and none within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
+        blur: Flag: the states that are seen have errors, as estimates from images have: `Task.blurred`. False at first.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
             None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
@@ -117,6 +118,7 @@ class Worlds:
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self.most_force: float | None = None
+        self.blur = False
         horizon = self.setup.scenario.pusher.horizon
         self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag)
         if any(options.view):
@@ -247,7 +249,17 @@ class Worlds:
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
-        return self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
+        seen = self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
+        if not self.blur or not self.task.blurs:
+            return seen
+        assert isinstance(seen, np.ndarray)
+        size, n = self.task.state_size, self.task.action_size
+        generators = [self._random[world] for world in np.arange(self.num_worlds)[worlds]]
+        for begin in (0, *range(size, seen.shape[1], size + n)):  # now, and before each past action
+            part = np.s_[:, begin : begin + size]
+            noise = np.array([generator.standard_normal(size) for generator in generators]).reshape(-1, size)
+            seen[part] = self.task.blurred(seen[part], noise)
+        return seen
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""
