@@ -175,8 +175,7 @@ class StationRun:
         model = self.world_model
         if model is None:
             return None
-        impulse = model.GetOutputPort("pusher_impulse").Eval(model.GetMyContextFromRoot(self._context))
-        return np.asarray(impulse)
+        return model.GetPusherImpulse(model.GetMyContextFromRoot(self._context))
 
     @property
     def p_WP(self) -> np.ndarray:

@@ -31,7 +31,6 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
                                 │            │─► object_state      (13 W): q_WO wxyz, p_WO [m], ω_WO [rad/s], v_WO [m/s]
         pusher_velocity_W       │            │─► pusher_state       (6 W): p_WP [m], v_WP [m/s]
         (3 W): v_WP [m/s]  ────►│ WorldModel │─► plant_positions     (10): p_WP, q_WO, p_WO of world 0
-                                │            │─► pusher_impulse      (W): N s, pushers on objects, sum so far of norms
                                 │            │─► rgb         ImageRgba8U : of world 0
                                 │            │─► rgb_batch   Value[array]: (W, height, width, 4) uint8
                                 │            │─► contact_forces  Value[ContactForces]
@@ -84,7 +83,6 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         )
         self.DeclareStateOutputPort("object_state", self._object)
         self.DeclareStateOutputPort("pusher_state", self._pusher)
-        self.DeclareStateOutputPort("pusher_impulse", self._impulse)
         declare_vector(self, "plant_positions", 10, self._CalcPlantPositions, {x})
         camera = setup.camera
         declare_image(self, "rgb", (camera.width, camera.height), lambda mine: one.Eval(mine)[0], {one.ticket()})
@@ -168,6 +166,10 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
                 parameter.set_value(parameter.get_value().repeat(self.num_worlds, 1, 1, 1))
             # In place, as the Context alone has this tensor; through numpy, since torch would wake all its threads.
             parameter.get_value().numpy()[worlds] = sh.detach().numpy()
+
+    def GetPusherImpulse(self, context: Context) -> np.ndarray:
+        """Sums (W,) N s of the norms of the impulses from pushers to objects so far, one norm for each update."""
+        return np.array(context.get_discrete_state(self._impulse).value())
 
     def GetColors(self, context: Context) -> torch.Tensor:
         """Harmonics of the surfels, (N, K, 3) of all worlds or (W, N, K, 3); not a copy."""

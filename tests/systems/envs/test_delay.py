@@ -32,13 +32,13 @@ def test_with_a_lag_the_velocity_follows_what_is_due(latency, lag):
     delay = Delay((latency, latency), 0.1, 1, PushTask(), 4, (lag, lag))
     delay.begin(0, np.random.default_rng(0))
     found = np.stack([delay(action[None])[:, 0] for action in ACTIONS])
-    # The velocity that is due, and a lag of it in 10,000 short steps a second.
-    due, v = np.repeat(delayed(latency, 4).reshape(-1, 2), 250, axis=0), np.zeros(2)
-    went = []
+    # The velocity that is due, and its lag in 10,000 short steps a second.
+    due = np.repeat(np.broadcast_to(delayed(latency, 4), (len(ACTIONS), 4, 2)).reshape(-1, 2), 250, axis=0)
+    velocities = [np.zeros(2)]
     for wanted in due:
-        before, v = v, v + (wanted - v) * 1e-4 / lag
-        went.append(0.5 * (before + v))
-    np.testing.assert_allclose(found, np.array(went).reshape(len(ACTIONS), 4, 250, 2).mean(2), atol=2e-3)
+        velocities.append(wanted + (velocities[-1] - wanted) * np.exp(-1e-4 / lag))
+    mean = 0.5 * (np.array(velocities[:-1]) + velocities[1:])
+    np.testing.assert_allclose(found, mean.reshape(len(ACTIONS), 4, 250, 2).mean(2), atol=1e-4)
 
 
 def test_a_pusher_that_lags_goes_on_from_actions_that_were_asked_for_before():

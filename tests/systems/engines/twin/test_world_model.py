@@ -251,11 +251,10 @@ def test_the_impulse_of_a_pusher_is_the_momentum_that_it_gives_on_a_floor_withou
     mass = world.GetParameters(context).mass[:, 0].numpy()
     momentum = mass * np.linalg.norm(moved[:, 10:13], axis=1)
     assert momentum.min() > 0.1
-    impulse = world.GetOutputPort("pusher_impulse")
-    np.testing.assert_allclose(impulse.Eval(context), momentum, rtol=1e-4)  # it rubs a little upwards too
+    np.testing.assert_allclose(world.GetPusherImpulse(context), momentum, rtol=1e-4)  # it rubs a little upwards too
     world.get_input_port().FixValue(context, np.tile([-0.4, 0.0, 0.0], 2))  # away from it
     state_at(world, context, 60 * H)
-    np.testing.assert_allclose(impulse.Eval(context), momentum, rtol=1e-4)  # it rubs a little upwards too
+    np.testing.assert_allclose(world.GetPusherImpulse(context), momentum, rtol=1e-4)  # it rubs a little upwards too
 
 
 def test_states_at_another_point_than_the_centre_of_mass(one, monkeypatch):
