@@ -142,7 +142,8 @@ def main() -> None:
             flush=True,
         )
         rows.append(settings | {"successes": found.successes, "episodes": found.episodes, "actions": found.mean_steps})
-    write_json(given.out, policy=given.policy, start=given.start, scene=str(scene), results=rows)
+    name = str(getattr(getattr(scene, "scenario", None), "name", scene))
+    write_json(given.out, policy=given.policy, start=given.start, scene=name, results=rows)
 
 
 def tell(engine: str, one: EpisodeResult) -> None:

@@ -131,6 +131,20 @@ def review() -> str:
     return table("task | condition | success | 95 % interval (Wilson) | episodes", rows)
 
 
+def elsewhere() -> str:
+    """Table of a teacher and a student of flips in engines without part in their training."""
+    rows = []
+    for row in read("flip_elsewhere.json")["results"]:
+        ends = binomtest(row["successes"], row["episodes"]).proportion_ci(method="wilson")
+        floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)
+        success = percent(row["successes"] / row["episodes"])
+        late, engine = f"{1e3 * row['latency']:.0f} ms", _ELSEWHERE[row["engine"]]
+        told = interval(*ends), row["episodes"], f"{row['actions']:.1f}"
+        rows.append((row["policy"], engine, floor, pusher, late, success, *told))
+    header = "policy | engine | floor | pusher | delay | success | 95 % interval (Wilson) | episodes | actions"
+    return table(header, rows)
+
+
 def faults() -> str:
     """Table of the faults of a rehearsal, and of the time until the robot stands."""
     rows = [
@@ -195,6 +209,7 @@ def _success(result: Mapping[str, Any]) -> tuple[str, str, str]:
     return percent(result["success_rate"]), interval(*result["interval_95"]), actions
 
 
+_ELSEWHERE = {"bullet": "Bullet", "mujoco": "MuJoCo"}
 _MEASURED = "success | 95 % interval (Wilson) | actions"
 
 
@@ -416,6 +431,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "real.md", "triangle", triangle),
     (RESULTS / "real.md", "others", others),
     (RESULTS / "robustness.md", "review", review),
+    (RESULTS / "robustness.md", "elsewhere", elsewhere),
     (RESULTS / "robustness.md", "late_camera", late_camera),
     (RESULTS / "robustness.md", "stand_in", stand_in),
     (RESULTS / "robustness.md", "stopping", stopping),
