@@ -36,6 +36,7 @@ from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.observation import Observer
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.envs.worlds import progress_info
+from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.scenario.start import Place
 
 ENGINES = ("bullet", "mujoco")
@@ -48,7 +49,7 @@ class ElsewhereEnv(gymnasium.Env):
     def __init__(
         self,
         spec: PolicySpec,
-        scene: str,
+        scene: Setup,
         engine: str,
         theta: Mapping[str, float] | None = None,
         latency: float = 0.0,
@@ -142,8 +143,7 @@ def main() -> None:
             flush=True,
         )
         rows.append(settings | {"successes": found.successes, "episodes": found.episodes, "actions": found.mean_steps})
-    name = str(getattr(getattr(scene, "scenario", None), "name", scene))
-    write_json(given.out, policy=given.policy, start=given.start, scene=name, results=rows)
+    write_json(given.out, policy=given.policy, start=given.start, scene=scene.scenario.name, results=rows)
 
 
 def tell(engine: str, one: EpisodeResult) -> None:

@@ -126,21 +126,18 @@ def review() -> str:
     rows = []
     for row in read("robustness_review.json")["rows"]:
         count = round(row["success_rate"] * row["episodes"])
-        ends = binomtest(count, row["episodes"]).proportion_ci(method="wilson")
-        rows.append((row["task"], row["condition"], percent(row["success_rate"]), interval(*ends), row["episodes"]))
+        rows.append((row["task"], row["condition"], percent(row["success_rate"]), *_counted(count, row["episodes"])))
     return table("task | condition | success | 95 % interval (Wilson) | episodes", rows)
 
 
 def elsewhere() -> str:
     """Table of a teacher and a student of flips in engines without part in their training."""
-    rows = []
+    words, rows = {engine: name for name, engine in _ENGINES.items()}, []
     for row in read("flip_elsewhere.json")["results"]:
-        ends = binomtest(row["successes"], row["episodes"]).proportion_ci(method="wilson")
         floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)
-        success = percent(row["successes"] / row["episodes"])
-        late, engine = f"{1e3 * row['latency']:.0f} ms", _ELSEWHERE[row["engine"]]
-        told = interval(*ends), row["episodes"], f"{row['actions']:.1f}"
-        rows.append((row["policy"], engine, floor, pusher, late, success, *told))
+        late, success = f"{1e3 * row['latency']:.0f} ms", percent(row["successes"] / row["episodes"])
+        told = success, *_counted(row["successes"], row["episodes"]), f"{row['actions']:.1f}"
+        rows.append((row["policy"], words[row["engine"]], floor, pusher, late, *told))
     header = "policy | engine | floor | pusher | delay | success | 95 % interval (Wilson) | episodes | actions"
     return table(header, rows)
 
@@ -203,13 +200,17 @@ _FLIPS = (  # words, training seed, key in flip.json
 )
 
 
+def _counted(successes: int, episodes: int) -> tuple[str, int]:
+    """Wilson's interval of a share of successes, and the number of episodes."""
+    return interval(*binomtest(successes, episodes).proportion_ci(method="wilson")), episodes
+
+
 def _success(result: Mapping[str, Any]) -> tuple[str, str, str]:
     """Success, interval and mean number of actions of an evaluation."""
     actions = f"{result['steps']['all']['mean']:.1f}"
     return percent(result["success_rate"]), interval(*result["interval_95"]), actions
 
 
-_ELSEWHERE = {"bullet": "Bullet", "mujoco": "MuJoCo"}
 _MEASURED = "success | 95 % interval (Wilson) | actions"
 
 
@@ -331,8 +332,8 @@ def late_camera() -> str:
     """Table of a rehearsal with a camera that is late."""
     found = read("rehearsal_normal.json")["summary"]["normal"]
     number, good = found["episodes"], found["successes"]
-    ends = binomtest(good, number).proportion_ci(method="wilson")
-    row = (number, f"{found['minutes']:.1f} min", found["false_stops"], good, percent(good / number), interval(*ends))
+    share = percent(good / number), _counted(good, number)[0]
+    row = (number, f"{found['minutes']:.1f} min", found["false_stops"], good, *share)
     return table("episodes | acting | false stops | at the goal at the end | share | 95 % interval (Wilson)", [row])
 
 

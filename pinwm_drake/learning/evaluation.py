@@ -57,7 +57,7 @@ class EpisodeResult:
 
     @property
     def outcome(self) -> str:
-        """Outcome of the episode: "success", "time limit", or "failure", which is one of the physics."""
+        """Outcome of the episode: "success", "time limit", or "failure" of the physics, or of a pusher's force."""
         if self.success:
             return "success"
         return "failure" if self.failure else "time limit"

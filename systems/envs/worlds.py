@@ -252,13 +252,13 @@ class Worlds:
         seen = self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
         if not self.blur or not self.task.blurs:
             return seen
-        assert isinstance(seen, np.ndarray)
+        state = seen["state"] if isinstance(seen, dict) else seen
         size, n = self.task.state_size, self.task.action_size
         generators = [self._random[world] for world in np.arange(self.num_worlds)[worlds]]
-        for begin in (0, *range(size, seen.shape[1], size + n)):  # now, and before each past action
+        for begin in (0, *range(size, state.shape[1], size + n)):  # now, and before each past action
             part = np.s_[:, begin : begin + size]
             noise = np.array([generator.standard_normal(size) for generator in generators]).reshape(-1, size)
-            seen[part] = self.task.blurred(seen[part], noise)
+            state[part] = self.task.blurred(state[part], noise)
         return seen
 
     def get_state(self) -> dict[str, np.ndarray]:

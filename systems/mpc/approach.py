@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-_CLEAR = 0.02  # m, between pusher and object on the way
+_CLEAR = 0.02  # m, by which a way keeps farther from the axis than its nearer end does, at most
 
 
 def around(p_WO: np.ndarray, begin: np.ndarray, end: np.ndarray, longest: float) -> np.ndarray:
@@ -21,15 +21,16 @@ def around(p_WO: np.ndarray, begin: np.ndarray, end: np.ndarray, longest: float)
     radii, angles = np.hypot(away[:, 0], away[:, 1]), np.arctan2(away[:, 1], away[:, 0])
     turn = math.remainder(float(angles[1] - angles[0]), 2.0 * math.pi)
     least = max(math.ceil(float(np.linalg.norm(end - begin)) / longest), math.ceil(abs(turn)), 1)
-    for number in range(least, least + 100):
+    number = least
+    while True:
         shares = np.linspace(0.0, 1.0, number + 1)
         # A chord is nearer to the axis than its ends.
-        clear = (radii.min() + _CLEAR) / math.cos(0.5 * turn / number)
+        clear = (radii.min() + min(_CLEAR, 0.5 * longest)) / math.cos(0.5 * turn / number)
         radius = np.maximum(radii[0] + shares * (radii[1] - radii[0]), clear)
         radius[[0, -1]] = radii
         angle = angles[0] + shares * turn
         heights = begin[2] + shares * (end[2] - begin[2])
         points = np.stack([p_WO[0] + radius * np.cos(angle), p_WO[1] + radius * np.sin(angle), heights], axis=1)
         if np.linalg.norm(np.diff(points, axis=0), axis=1).max() <= longest:
-            break
-    return points
+            return points
+        number += 1

@@ -56,7 +56,7 @@ class TrainRequest:
         ),
     ] = None
     teacher: Annotated[
-        Path | None, option("Teacher to distil.", group=DATA, default="a new one", completes="policy")
+        Path | None, option("Teacher's folder.", group=DATA, default="a new one", completes="policy")
     ] = None
     method: Annotated[
         Literal["distil", "ppo", "state"],
@@ -140,10 +140,8 @@ class TrainRequest:
         draws = task_names("goal_range")
         drawn = self.goals == "fixed" or self.task in (None, *draws)
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
-        least, most = self.latency or (0.0, 0.0)
-        require("--latency", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
-        least, most = self.lag
-        require("--lag", f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
+        for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag)):
+            require(name, f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")
         calibrated = self.station is None or not self.as_filmed

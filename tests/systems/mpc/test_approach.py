@@ -18,3 +18,5 @@ def test_a_way_around_an_axis_keeps_clear_of_it(turn):
     fine = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(points)])
     assert np.linalg.norm(fine[:, :2] - middle[:2], axis=1).min() > 0.09 - 1e-3
     assert len(points) < 10
+    slow = around(middle, begin, end, 0.005)
+    assert np.linalg.norm(np.diff(slow, axis=0), axis=1).max() <= 0.005 + 1e-12

@@ -68,7 +68,7 @@ def test_the_plan_turns_the_cube_over_from_other_starts_with_noise_and_in_cousin
     x, y, z = waypoints.action[begun].T
     along = np.column_stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x, z])
     assert np.ptp(yaw) > 0.5
-    assert np.mean(np.abs(along - np.median(along, axis=0)).max(1) < 0.1) > 0.7
+    assert along.std(0).max() < 0.1
 
 
 @pytest.mark.nightly
@@ -130,7 +130,7 @@ def test_waypoints_of_late_actions_keep_what_is_still_to_take_effect(tmp_path):
     env.begin(np.arange(env.num_worlds))
     rows = np.linalg.norm(env.run.p_WP[:, None] - waypoints.p_WP[None], axis=2)
     begun, row = rows.min(1) < 1e-9, rows.argmin(1)
-    assert begun.sum() >= 4
+    assert begun.sum() >= 6
     before = env.run.p_WP.copy()
     env.advance(np.zeros((env.num_worlds, 3)))
     moved = (env.run.p_WP - before) / env.run.max_translation
