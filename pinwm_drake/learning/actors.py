@@ -22,8 +22,10 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.learning.heading import Heading
+from pinwm_drake.learning.images.augment import Light
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.learning.weights import device_of
 from pinwm_drake.tasks.history import history_size
 from pinwm_drake.tasks.registry import recipe_of
 from pinwm_drake.tasks.task import Task
@@ -204,12 +206,16 @@ class ImageActor(nn.Module):
 
     Between the two stands a state as `StateActor` takes it, so that what was learned from the state can be taken over.
     The task says what of it has to be estimated (`Task.assembly`). Where the specification has a window, the layers see
-    that part of the images, and the estimate of the place is added to the place that the window shows. With a history
-    the states before the last actions are estimated from the same images; the actions themselves are known.
+    that part of the images, and the estimate of the place is added to the place that the window shows.
+
+    Without a history, the layers see the stack of images at once. With one, they see each image by itself, in a window
+    of its own: the same layers tell the features of all images, and the state at the time of each from its features and
+    those of the image before. The actions themselves are known.
 
     Attributes:
         actor: Network from the state to the action.
         task: The task.
+        history: Number of the last actions that it sees; see `PolicySpec`.
         window: Module that cuts the window out; None where the layers see all of an image.
         assembly: Module from estimate and pusher to the state; None where the estimate is the state.
         mixed_precision: Flag: the layers from images to features multiply numbers of 16 bits (bfloat16), as a training
@@ -220,6 +226,8 @@ class ImageActor(nn.Module):
         """Make the layers for a specification of a policy that observes "rgb"."""
         super().__init__()
         height, width, channels = spec.image_shape
+        self._frames = spec.frames if spec.history else 1  # that are seen one by one
+        channels //= self._frames
         self.window = None if spec.window is None else Window(spec)
         if spec.window is not None:
             height = width = spec.window
@@ -239,14 +247,13 @@ class ImageActor(nn.Module):
         self.features = nn.Sequential(nn.Linear(size, _FEATURES), nn.ReLU())
         self.mixed_precision = False
         self.task = task = spec.task
-        self._history = spec.history
+        self.history = spec.history
         self.assembly = recipe_of(task).assembly(task, np.array(spec.pusher_low), np.array(spec.pusher_high))
         size_of_estimate = task.state_size if self.assembly is None else self.assembly.estimate_size
-        known = history_size(task.action_size, task.action_size, spec.history) + (0 if spec.window is None else 2)
+        seen = 2 if spec.history else 1  # images, or stacks of them, that an estimate is made of
+        known = task.action_size + (0 if spec.window is None else 2 * seen)
         self.estimate = nn.Sequential(
-            nn.Linear(_FEATURES + known, _FEATURES),
-            nn.ReLU(),
-            nn.Linear(_FEATURES, size_of_estimate * (1 + spec.history)),
+            nn.Linear(seen * _FEATURES + known, _FEATURES), nn.ReLU(), nn.Linear(_FEATURES, size_of_estimate)
         )
         self.actor = state_actor(spec)
         # As images come; convolutions take two thirds of the time with it.
@@ -282,34 +289,75 @@ class ImageActor(nn.Module):
         dark: Tensor = image.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
         return dark
 
-    def state(self, image: Tensor, pusher: Tensor, goal: Tensor | None = None, factors: Tensor | None = None) -> Tensor:
+    @property
+    def sees_parts(self) -> bool:
+        """Flag: an image has a window of its own, so that `parts` are enough."""
+        return self._frames > 1 and self.window is not None
+
+    def parts(self, image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Parts (B, h, w, 3) of single images that are enough to learn from, and their corners (B, 2) px; see `Window`.
+
+        Args:
+            image: (B, height, width, 3) uint8, RGB.
+        """
+        if not self.sees_parts:
+            return image, np.zeros((len(image), 2), int)
+        assert self.window is not None
+        found, corner = self.window.part(torch.from_numpy(np.ascontiguousarray(image)).to(device_of(self)))
+        return found.cpu().numpy(), corner.cpu().numpy()
+
+    def state(
+        self,
+        image: Tensor,
+        pusher: Tensor,
+        goal: Tensor | None = None,
+        light: Light | None = None,
+        corner: Tensor | None = None,
+    ) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
 
         Args:
-            image: (B, height, width, channels) RGB, as for `darken`.
+            image: (B, height, width, channels) RGB, as for `darken`; or parts of these, of which `corner` tells.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
-            factors: (B, channels) float32, by which what is dark is darker; None for one.
+            light: Random changes of the colours; None for none.
+            corner: (B, frames, 2) px, first pixels of the images, where they are parts of the camera's; see `parts`.
         """
+        if self._frames > 1:
+            image = torch.cat(image.chunk(self._frames, 3))
+            corner = None if corner is None else torch.cat(corner.unbind(1))
         place = None
         if self.window is None:
             dark = self.darken(image)
         else:
-            dark, place = self.window(image)
-        if factors is not None:
-            dark = dark * factors[:, :, None, None]
-        known = [pusher] if place is None else [pusher, place / _FAR]
+            dark, place = self.window(image, corner)
+        if light is not None:
+            dark = (light.single() if self._frames > 1 else light).on(dark)
         with torch.autocast("cpu", torch.bfloat16) if self.mixed_precision else nullcontext():
             features = self.features(self.convolutions(dark)).float()
-        estimate: Tensor = self.estimate(torch.cat([features, *known], 1))
-        if not self._history:
-            return self._assembled(estimate, pusher, place, goal)
-        n = self.task.action_size
-        now, *before = estimate.chunk(1 + self._history, 1)
-        parts = [self._assembled(now, pusher[:, :n], place, goal)]
-        for past, one in zip(pusher[:, n:].split(2 * n, 1), before, strict=True):
-            parts += [self._assembled(one, past[:, :n], place, goal), past[:, n:]]
+        if not self.history:
+            return self._estimated(features, pusher, place, goal)
+        # (frames B, ...), the oldest first.
+        images = features.chunk(self._frames)
+        places = None if place is None else place.chunk(self._frames)
+        n, parts = self.task.action_size, []
+        for back in range(1 + self.history):
+            at = self._frames - 1 - back
+            before = max(at - 1, 0)
+            there, last = (None, None) if places is None else (places[at], places[before] - places[at])
+            begin = max(2 * back - 1, 0) * n  # of the pusher at that time, which an action follows, but for now
+            both = torch.cat([images[at], images[before]], 1)
+            parts.append(self._estimated(both, pusher[:, begin : begin + n], there, goal, last))
+            if back:
+                parts.append(pusher[:, begin + n : begin + 2 * n])
         return torch.cat(parts, 1)
+
+    def _estimated(
+        self, features: Tensor, pusher: Tensor, place: Tensor | None, goal: Tensor | None, last: Tensor | None = None
+    ) -> Tensor:
+        """State (B, state_size) of features, with the pusher (B, n) and the window's place, and that before from it."""
+        known = [pusher, *(one / _FAR for one in (place, last) if one is not None)]
+        return self._assembled(self.estimate(torch.cat([features, *known], 1)), pusher, place, goal)
 
     def _assembled(self, estimate: Tensor, pusher: Tensor, place: Tensor | None, goal: Tensor | None) -> Tensor:
         """State (B, state_size) of an estimate, with the pusher (B, n) at that time; the others as for `state`."""

@@ -22,7 +22,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.estimated import estimation_loss
+from pinwm_drake.learning.images.estimated import error_weights, estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.options import Options
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -52,11 +52,12 @@ class DistilOptions(Options):
         shift: px, largest random shift of the images.
         gain: Relative half-width of the colours' random factors.
         mask: px, by which masks are too small or too large at the most, up to 1; see `Augment`.
+        shade: Largest share of its brightness that a place in an image loses, where images are seen one by one.
         episodes: Number of episodes in an evaluation.
     """
 
-    may_be_zero: ClassVar[tuple[str, ...]] = ("action_weight", "noise", "shift", "gain", "mask")
-    up_to_one: ClassVar[tuple[str, ...]] = ("mask",)
+    may_be_zero: ClassVar[tuple[str, ...]] = ("action_weight", "noise", "shift", "gain", "mask", "shade")
+    up_to_one: ClassVar[tuple[str, ...]] = ("mask", "shade")
 
     rounds: int = 5
     round_images: int = 24_576
@@ -69,6 +70,7 @@ class DistilOptions(Options):
     shift: int = 0
     gain: float = 0.2
     mask: float = 0.0
+    shade: float = 0.5
     episodes: int = 64
 
 
@@ -95,7 +97,7 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
         unpack(rounds.arrays, student, optimizer)
     for number in range(rounds.number):
         frames.add(Chunk.read(images / f"{number:04}.npz"))
-    augment = Augment(options.shift, options.gain, options.mask)
+    augment = Augment(options.shift, options.gain, options.mask, options.shade if spec.history else 0.0)
     while not rounds.ended(options.rounds):
         rounds.begin(env)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`
@@ -107,7 +109,7 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
             # In the first round the teacher acts: an untrained student would see little that matters.
             actor = teacher if rounds.number == 0 else Policy(spec, student)
             with usual_starts(env):
-                chunk = _collect(env, actor, options, generator, rounds)
+                chunk = _collect(env, actor, student, options, generator, rounds)
             chunk.write(path)
         else:
             chunk = Chunk.read(path)
@@ -143,25 +145,31 @@ def _begin(
 
 
 def _collect(
-    env: VecEnv, actor: Policy, options: DistilOptions, generator: np.random.Generator, rounds: Rounds
+    env: VecEnv,
+    actor: Policy,
+    student: ImageActor,
+    options: DistilOptions,
+    generator: np.random.Generator,
+    rounds: Rounds,
 ) -> Chunk:
-    """Images and states that the worlds give while a policy acts in them, with noise on its actions."""
+    """Images, or their parts that a student sees, and states of worlds in which a policy acts, with noise."""
     W = env.num_envs
     length = math.ceil(options.round_images / W)
     seen: Any = env.reset()
-    height, width = seen["image"].shape[1:3]
+    image, _ = student.parts(seen["image"][..., -3:])
     rows = W * length
     chunk = Chunk(
-        np.empty((rows, height, width, 3), np.uint8),
+        np.empty((rows, *image.shape[1:]), np.uint8),
         np.empty(rows, bool),
         np.empty((rows, *seen["pusher"].shape[1:]), np.float32),
         np.empty((rows, *seen["state"].shape[1:]), np.float32),
         np.zeros((rows, actor.spec.task.goal_size), np.float32),
+        np.empty((rows, 2), np.int16),
     )
     starts = np.ones(W, bool)
     for t in range(length):
         at = slice(t * W, (t + 1) * W)
-        chunk.image[at] = seen["image"][..., -3:]
+        chunk.image[at], chunk.corner[at] = student.parts(seen["image"][..., -3:])
         chunk.start[at], chunk.pusher[at], chunk.state[at] = starts, seen["pusher"], seen["state"]
         chunk.goal[at] = seen.get("goal", chunk.goal[at])
         actions = actor.predict(seen)[0]
@@ -184,16 +192,18 @@ def _learn(
 ) -> Iterator[None]:
     """Update of a round, from the one after those whose losses are in `losses`; yield after each."""
     total, device = options.rounds * options.updates, device_of(student)
+    counted = error_weights(student.task, student.history, device)
     for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
         drawn = frames.draw(options.batch_size, generator)
-        images, pusher, state, goal = (torch.from_numpy(one).to(device) for one in drawn)
-        moved, factors = augment.drawn(images)
-        found = student.state(moved, pusher, goal if goal.shape[1] else None, factors)
-        loss = estimation_loss(found, state) + options.action_weight * student.actor.imitation(found, state)
+        images, pusher, state, goal, corner = (torch.from_numpy(one).to(device) for one in drawn)
+        moved, light = augment.drawn(images)
+        drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
+        found = student.state(moved, pusher, drawn_goal, light, parts)
+        loss = estimation_loss(found, state, counted) + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -13,7 +13,6 @@ from pinwm_drake.errors import require
 from pinwm_drake.tasks.task import Positive, Progress, Reward, Task, lengths
 from pinwm_drake.validation import check_fields
 
-_BLUR = np.repeat([0.05, 0.12, 0.12, 0.25, 0.25, 0.0], 3)  # in units of the state
 LENGTH, SPEED, TURN = 0.1, 1.0, 10.0  # m, m/s, rad/s: units of the state's components
 NEAR = 0.1  # m, from which on the pusher counts as at the object, in the shaped reward
 
@@ -64,7 +63,7 @@ class FlipTask(Task):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     state_size: ClassVar[int] = 18
     max_steps: ClassVar[int] = 25
-    blurs: ClassVar[bool] = True
+    errors: ClassVar[tuple[float, ...]] = tuple(np.repeat([0.03, 0.06, 0.06, 0.25, 0.25, 0.03], 3).tolist())
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -148,11 +147,11 @@ class FlipTask(Task):
     def blurred(self, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """State as an estimate from images may have it, with larger errors in motion; see `Task.blurred`.
 
-        Standard deviations are 5 mm of the origin, 0.12 of each axis, 0.25 m/s and 2.5 rad/s where the speeds in their
-        units sum up to 1 or more; a fifth of these at rest.
+        Standard deviations are `errors` where the speeds in their units sum up to 1 or more, and a fifth of these at
+        rest.
         """
         motion = lengths(state[:, 9:12]) + lengths(state[:, 12:15])
-        error = noise * _BLUR * np.clip(motion, 0.2, 1.0)[:, None]
+        error = noise * self.errors * np.clip(motion, 0.2, 1.0)[:, None]
         error[:, 15:18] = -error[:, 0:3]  # the pusher is known
         found = state + error
         for part in (np.s_[:, 3:6], np.s_[:, 6:9]):

@@ -54,7 +54,8 @@ class Task(ABC):
         state_size: Number of components of `state`.
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
-        blurs: Flag: a teacher of the state is trained with errors of what it sees; see `blurred`.
+        errors: (state_size,) standard deviations of estimates from images, of an object in motion: a teacher of the
+            state is trained with such errors (`blurred`), and a student's errors count in their units. Empty for none.
     """
 
     name: ClassVar[str]
@@ -62,7 +63,7 @@ class Task(ABC):
     state_size: ClassVar[int]
     state_bound: ClassVar[float] = 20.0
     max_steps: ClassVar[int] = 100
-    blurs: ClassVar[bool] = False
+    errors: ClassVar[tuple[float, ...]] = ()
 
     @abstractmethod
     def measure(self, object_state: np.ndarray, p_WP: np.ndarray) -> Progress:

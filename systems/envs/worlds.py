@@ -250,7 +250,7 @@ class Worlds:
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
         seen = self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
-        if not self.blur or not self.task.blurs:
+        if not self.blur or not self.task.errors:
             return seen
         state = seen["state"] if isinstance(seen, dict) else seen
         size, n = self.task.state_size, self.task.action_size

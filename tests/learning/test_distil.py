@@ -107,13 +107,14 @@ def chunk(worlds, length, first=0):
     numbers = np.arange(first, first + rows)
     image = np.broadcast_to(numbers[:, None, None, None], (rows, 4, 4, 3)).astype(np.uint8)
     columns = np.tile(numbers[:, None], (1, 11)).astype(np.float32)
-    return Chunk(image, start.ravel(), columns[:, :2], columns, columns[:, 2:5])
+    corner = np.stack([numbers, -numbers], 1).astype(np.int16)
+    return Chunk(image, start.ravel(), columns[:, :2], columns, columns[:, 2:5], corner)
 
 
 def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
     frames = Frames(2, 3, 1000)
     frames.add(chunk(2, 4))
-    images, pusher, state, goal = frames.draw(400, np.random.default_rng(0))
+    images, pusher, state, goal, corner = frames.draw(400, np.random.default_rng(0))
     stacks = {int(row[0]): stack[0, 0, ::3].tolist() for row, stack in zip(state, images, strict=True)}
     assert stacks == {
         0: [0, 0, 0],
@@ -127,6 +128,8 @@ def test_stacks_hold_images_of_the_same_episode_the_oldest_first():
     }
     assert np.array_equal(pusher[:, 0], state[:, 0])
     assert np.array_equal(goal, state[:, 2:5])
+    assert np.array_equal(corner[:, :, 0], images[:, 0, 0, ::3])
+    assert np.array_equal(corner[:, :, 1], -corner[:, :, 0])
 
 
 def test_the_oldest_images_are_forgotten():
@@ -141,7 +144,7 @@ def test_a_chunk_is_read_as_it_was_written(tmp_path):
     one = chunk(2, 4)
     one.write(tmp_path / "0.npz")
     again = Chunk.read(tmp_path / "0.npz")
-    for name in ("image", "start", "pusher", "state", "goal"):
+    for name in ("image", "start", "pusher", "state", "goal", "corner"):
         assert np.array_equal(getattr(one, name), getattr(again, name))
 
 

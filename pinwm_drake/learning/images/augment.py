@@ -1,19 +1,50 @@
 # SPDX-License-Identifier: MIT
 """Random changes of images that leave what they show as it is, so that a network does not count on exact pixels."""
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 _GROUPS = 8  # parts of a batch, each of which is moved alike: one image at a time takes longer than the network
+_LIGHTS = 3  # places along each side of an image that have a brightness of their own
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """Change of the colours of what images show; the background stays white.
+
+    Attributes:
+        factors: (B, 3 k) float32, by which what is dark is darker, for each channel of k images.
+        shade: (B, k, s, s) float32, brightness of places in the images, evenly from corner to corner; None for one.
+    """
+
+    factors: Tensor
+    shade: Tensor | None = None
+
+    def single(self) -> "Light":
+        """Light of the images one by one, (k B) of them, the first of all stacks first."""
+        shade = None if self.shade is None else torch.cat(self.shade.unbind(1))[:, None]
+        return Light(torch.cat(self.factors.split(3, 1)), shade)
+
+    def on(self, dark: Tensor) -> Tensor:
+        """Changed images (B, 3 k, height, width) float32, 0 for white and 1 for black, of such."""
+        if self.shade is not None:
+            shade = interpolate(self.shade, dark.shape[2:], mode="bilinear", align_corners=True)
+            stacked = dark.unflatten(1, (-1, 3))
+            shown = stacked.amax(2, keepdim=True) > 0.0
+            dark = (shown * (1.0 - shade[:, :, None] * (1.0 - stacked))).flatten(1, 2)
+        return dark * self.factors[:, :, None, None]
 
 
 class Augment:
-    """Moves images, changes their colours and frays their outlines at random; the background stays white.
+    """Moves images, changes their colours and light and frays their outlines at random; the background stays white.
 
     Source: the shift is that of Yarats, Kostrikov and Fergus, "Image augmentation is all you need" (ICLR 2021).
     """
 
-    def __init__(self, shift: int, gain: float, mask: float = 0.0) -> None:
+    def __init__(self, shift: int, gain: float, mask: float = 0.0, shade: float = 0.0) -> None:
         """Keep the ranges of the changes.
 
         Args:
@@ -21,8 +52,9 @@ class Augment:
             gain: Relative half-width of a factor for each of red, green and blue, alike in all frames of a stack.
             mask: px, by which masks are too small or too large at the most, up to 1: as a share of the pixels along the
                 outline. A stack draws its own share and what is behind the object; a frame differs by up to a third.
+            shade: Largest share of its brightness that a place in an image loses, up to 1; each frame draws its own.
         """
-        self._shift, self._gain, self._mask = shift, gain, mask
+        self._shift, self._gain, self._mask, self._shade = shift, gain, mask, shade
 
     def __call__(self, image: Tensor) -> Tensor:
         """Return changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch draws.
@@ -30,22 +62,24 @@ class Augment:
         Args:
             image: (B, height, width, 3 k) uint8, RGB.
         """
-        moved, factors = self.drawn(image)
-        dark: Tensor = moved.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0)
-        return dark.mul_((factors / -255.0)[:, :, None, None])
+        moved, light = self.drawn(image)
+        dark = moved.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
+        return light.on(dark)
 
-    def drawn(self, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Return moved images (B, height, width, 3 k) uint8, and factors (B, 3 k) float32 of their darkening.
+    def drawn(self, image: Tensor) -> tuple[Tensor, Light]:
+        """Return moved images (B, height, width, 3 k) uint8, and the light on them, of which a call is made.
 
         Args:
-            image: That of a call, which is the two together.
+            image: That of a call.
         """
-        factors = 1.0 + self._gain * (2.0 * torch.rand(len(image), 3) - 1.0)
+        B, k = len(image), image.shape[3] // 3
+        factors = 1.0 + self._gain * (2.0 * torch.rand(B, 3) - 1.0)
+        shade = 1.0 - self._shade * torch.rand(B, k, _LIGHTS, _LIGHTS) if self._shade > 0.0 else None
         if self._mask > 0.0:
             image = self._frayed(image)
         if self._shift > 0:
             image = torch.cat([self._moved(group) for group in image.chunk(_GROUPS)])
-        return image, factors.repeat(1, image.shape[3] // 3).to(image.device)
+        return image, Light(factors.repeat(1, k).to(image.device), None if shade is None else shade.to(image.device))
 
     def _frayed(self, image: Tensor) -> Tensor:
         """Images (B, height, width, 3 k) whose outlines lack pixels of the object, or have some of what is behind."""

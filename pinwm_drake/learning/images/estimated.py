@@ -25,14 +25,36 @@ from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.weights import device_of
 from pinwm_drake.learning.worlds import SeenWorlds
+from pinwm_drake.tasks.history import begun
+from pinwm_drake.tasks.task import Task
 
 FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 TRUTH = "truth"  # the true state, beside its estimate "state"
 
 
-def estimation_loss(found: Tensor, state: Tensor) -> Tensor:
-    """Loss () of estimates of states (B, state_size): Huber's, as what cannot be seen is not to outweigh the rest."""
-    return 2.0 * huber_loss(found, state, delta=FAR)
+def estimation_loss(found: Tensor, state: Tensor, weights: Tensor | None = None) -> Tensor:
+    """Loss () of estimates of states (B, state_size): Huber's, as what cannot be seen is not to outweigh the rest.
+
+    Args:
+        found: (B, state_size) estimates.
+        state: (B, state_size) true states.
+        weights: (state_size,) weights of the components; see `error_weights`. None for one.
+    """
+    if weights is None:
+        return 2.0 * huber_loss(found, state, delta=FAR)
+    return 2.0 * (huber_loss(found, state, delta=FAR, reduction="none") * weights).mean()
+
+
+def error_weights(task: Task, history: int, device: torch.device) -> Tensor | None:
+    """Weights of a state's components, by the squares of the errors that are usual, the least of which have 1.
+
+    They are those of a state with those before the last actions; None where a task tells no errors.
+    """
+    if not task.errors:
+        return None
+    errors = np.array(task.errors)
+    weights = begun(((errors.min() / errors) ** 2)[None], task.action_size, history)[0]
+    return torch.from_numpy(weights).to(device)
 
 
 class Estimated(SeenWorlds):
@@ -112,8 +134,8 @@ class Regression(BaseCallback):
         for _ in range(self._epochs):
             for rows in torch.randperm(len(kept["state"])).split(self._batch_size):
                 seen = {name: values[rows].to(device) for name, values in kept.items()}
-                moved, factors = self._augment.drawn(seen["image"])
-                found = self._network.state(moved, seen["pusher"], seen.get("goal"), factors)
+                moved, light = self._augment.drawn(seen["image"])
+                found = self._network.state(moved, seen["pusher"], seen.get("goal"), light)
                 loss = estimation_loss(found, seen["state"])
                 self._optimizer.zero_grad()
                 loss.backward()

@@ -13,11 +13,12 @@ class Chunk(ArrayFile):
     """Observations of W worlds in T actions, one after another: row t W + w is world w's at action t.
 
     Attributes:
-        image: (T W, height, width, 3) uint8, RGB: the last image.
+        image: (T W, height, width, 3) uint8, RGB: the last image, or a part of it.
         start: (T W,) bool, true where an episode begins; the first W do.
         pusher: (T W, pusher_size) float32, along the task's axes across the pusher's box, -1 to 1.
         state: (T W, state_size) float32, as `StateActor` takes it.
         goal: (T W, goal_size) float32, goals of the episodes.
+        corner: (T W, 2) int16 px, first pixel of the part of the image; zeros where it is whole.
     """
 
     work, wanted = "distil", "the images beside a checkpoint; start anew"
@@ -27,6 +28,7 @@ class Chunk(ArrayFile):
     pusher: np.ndarray
     state: np.ndarray
     goal: np.ndarray
+    corner: np.ndarray
 
 
 class Frames:
@@ -63,7 +65,7 @@ class Frames:
 
         Returns:
             Images (B, height, width, 3 k) uint8, the oldest first; pusher (B, pusher_size), state (B, state_size)
-            and goal (B, goal_size), float32.
+            and goal (B, goal_size), float32; corners (B, k, 2) int16 of the images.
         """
         rows = np.sort(generator.integers(len(self), size=size))
         parts = np.split(rows, np.searchsorted(rows, self._ends[:-1]))
@@ -74,10 +76,10 @@ class Frames:
         return tuple(np.concatenate(one) for one in zip(*batches, strict=True))
 
     def _stacks(self, chunk: Chunk, rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Stacks of images, pusher, state and goal of some rows (b,) of a chunk; see `draw`."""
-        before, newest_first = rows, []
-        for _ in range(self._frames):
-            newest_first.append(chunk.image[before])
-            before = np.where(chunk.start[before], before, before - self._worlds)
-        images = np.concatenate(newest_first[::-1], axis=3)
-        return images, chunk.pusher[rows], chunk.state[rows], chunk.goal[rows]
+        """Stacks of images, pusher, state, goal and corners of some rows (b,) of a chunk; see `draw`."""
+        stack = [rows]
+        for _ in range(self._frames - 1):
+            stack.insert(0, np.where(chunk.start[stack[0]], stack[0], stack[0] - self._worlds))
+        images = np.concatenate([chunk.image[one] for one in stack], axis=3)
+        corners = np.stack([chunk.corner[one] for one in stack], axis=1)
+        return images, chunk.pusher[rows], chunk.state[rows], chunk.goal[rows], corners

@@ -12,6 +12,8 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.spec import PolicySpec
 
 _MARGIN = 1.7  # side of the window by the diagonal of the object: it moves between the images, and so does the pusher
+_ALONE = 1.4  # the same, where each image has a window of its own
+_BORDER = 4  # px on each side that a part has beside its window, so that it can still move
 _MULTIPLE = 4  # px, so that strides leave no remainder
 _STEEP = -0.05  # z of a line of sight from which on it counts as meeting the floor
 
@@ -24,7 +26,7 @@ def window_size(spec: PolicySpec) -> int | None:
     away = Rotation.from_quat(np.roll(camera.q_WC, -1)).as_matrix()[2, 2]
     far = (spec.scene.floor_height - camera.p_WC[2]) / min(away, _STEEP)  # m, to the floor in the middle of the image
     diagonal = max(camera.fx, camera.fy) * math.hypot(*spec.scene.object.size) / far
-    side = _MULTIPLE * math.ceil(_MARGIN * diagonal / _MULTIPLE)
+    side = _MULTIPLE * math.ceil((_ALONE if spec.history else _MARGIN) * diagonal / _MULTIPLE)
     return side if side < min(camera.width, camera.height) else None
 
 
@@ -32,7 +34,7 @@ class Window(nn.Module):
     """Module from images (B, 3 k, height, width) to a window of them around the object, and to its place on the floor.
 
     The window is around the middle of what is not white in the newest image: the object, and where it is seen the
-    pusher. All images are cut at the same place, so that they show how it moves.
+    pusher. All images of a stack are cut at the same place, so that they show how it moves.
     """
 
     _R_CW: Tensor
@@ -59,9 +61,9 @@ class Window(nn.Module):
         self.register_buffer("_p_WC", torch.tensor(spec.camera.p_WC[:2]).float(), persistent=False)
         self.register_buffer("_columns", torch.arange(spec.camera.width).float(), persistent=False)
         self.register_buffer("_rows", torch.arange(spec.camera.height).float(), persistent=False)
-        self.register_buffer("_steps", torch.arange(spec.window), persistent=False)
+        self.register_buffer("_steps", torch.arange(spec.window).float(), persistent=False)
 
-    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, image: Tensor, corner: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Window (B, 3 k, side, side) of images, and the place (B, 2) m, world, that its middle shows.
 
         The window is float32, 0 for white and 1 for black.
@@ -69,28 +71,58 @@ class Window(nn.Module):
         Args:
             image: (B, height, width, 3 k) RGB, uint8 or floats from 0 to 255; the background is white. What is not in
                 the window stays as it comes: numbers as floats are four times as long.
+            corner: (B, 2) px, x and y of the first pixel, where images are parts, as `part` gives them; None where they
+                are whole.
         """
+        x, y = self._middle(image, whole=corner is None)
+        found, inside = self._cut(image, x, y, self._steps)
+        window = found.float().sub_(255.0).mul_((inside / -255.0)[:, :, :, None]).permute(0, 3, 1, 2)
+        if corner is not None:
+            x, y = x + corner[:, 0], y + corner[:, 1]
+        return window, self._place(x, y)
+
+    def part(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Part (B, side + 8, side + 8, 3 k) of whole images around the window, and its corner (B, 2) px, int64.
+
+        It is white beyond the image. The window of a part is that of the image, as long as the part has all of the
+        object.
+        """
+        x, y = self._middle(image)
+        steps = torch.arange(-_BORDER, self._side + _BORDER, device=image.device).float()
+        found, inside = self._cut(image, x, y, steps)
+        corner = torch.stack([x, y], 1).long() - _BORDER - self._side // 2
+        return torch.where(inside[:, :, :, None], found, 255), corner
+
+    def _middle(self, image: Tensor, *, whole: bool = True) -> tuple[Tensor, Tensor]:
+        """Pixels x and y (B,) float32 of the middle of what is dark in the newest of images, or that of the camera."""
         # One after another: sums over three numbers take twice as long.
         there = (image[..., -3].float() + image[..., -2] + image[..., -1] - 3.0 * 255.0).neg().clamp(0.0, 255.0)
         total = there.sum((1, 2))
         some, total = total > 0.0, total.clamp(min=1.0)
-        x = torch.where(some, (there.sum(1) * self._columns).sum(1) / total, self._spec.cx).round()
-        y = torch.where(some, (there.sum(2) * self._rows).sum(1) / total, self._spec.cy).round()
-        return self._cut(image, x.long(), y.long()), self._place(x, y)
+        columns, rows, middle = self._columns, self._rows, (self._spec.cx, self._spec.cy)
+        if not whole:
+            columns = rows = torch.arange(image.shape[1], device=image.device).float()
+            middle = (0.5 * image.shape[1], 0.5 * image.shape[1])
+        x = torch.where(some, (there.sum(1) * columns).sum(1) / total, middle[0]).round()
+        y = torch.where(some, (there.sum(2) * rows).sum(1) / total, middle[1]).round()
+        return x, y
 
-    def _cut(self, image: Tensor, x: Tensor, y: Tensor) -> Tensor:
-        """Windows of images around pixels (B,), darkened; what is beyond the image is background."""
+    def _cut(self, image: Tensor, x: Tensor, y: Tensor, steps: Tensor) -> tuple[Tensor, Tensor]:
+        """Pixels (B, s, s, 3 k) of images at steps (s,) from half a window before pixels (B,).
+
+        The second is false, (B, s, s), beyond the image.
+        """
         height, width = image.shape[1:3]
-        rows = y[:, None] + self._steps - self._side // 2
-        columns = x[:, None] + self._steps - self._side // 2
+        # Whole numbers of one axis are sizes to ONNX, which refuses to add as many as images and as steps.
+        rows = (y[:, None] + steps - self._side // 2).long()
+        columns = (x[:, None] + steps - self._side // 2).long()
         inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None, :]
         # Pixels, whose channels lie side by side, are copied whole: a quarter of the time that single numbers take.
         pixels = image.flatten(0, 2)
         first = height * width * torch.arange(len(image), device=image.device)
         row = first[:, None] + width * rows.clamp(0, height - 1)
         at = (row[:, :, None] + columns.clamp(0, width - 1)[:, None, :]).flatten()
-        found = pixels.index_select(0, at).unflatten(0, (len(image), self._side, self._side))
-        return found.float().sub_(255.0).mul_((inside / -255.0)[:, :, :, None]).permute(0, 3, 1, 2)
+        return pixels.index_select(0, at).unflatten(0, (len(image), len(steps), len(steps))), inside
 
     def _place(self, x: Tensor, y: Tensor) -> Tensor:
         """Places (B, 2) m, world, where the lines of sight of pixels (B,) meet the level of the object's middle."""

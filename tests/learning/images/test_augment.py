@@ -2,7 +2,7 @@
 import torch
 
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.images.augment import Augment
+from pinwm_drake.learning.images.augment import Augment, Light
 from tests.learning.bundles import image_spec
 
 
@@ -52,16 +52,40 @@ def test_as_images_white_stays_white_and_the_rest_is_what_is_darkened():
     assert (images[:, 0] == 255).all()
 
 
-def test_a_policy_sees_moved_images_and_factors_as_it_does_the_two_together():
+def test_shade_takes_brightness_from_what_is_shown_in_each_frame_its_own_and_white_stays_white():
+    torch.manual_seed(0)
+    augment = Augment(0, 0.0, shade=0.6)
+    image = picture(300)
+    image[:, 2:7, 2:7] = 200
+    changed = augment(image)
+    bright = (1.0 - changed[:, :, 2:7, 2:7]) * 255 / 200
+    assert 0.4 - 1e-6 <= bright.min() < 0.5
+    assert 0.9 < bright.max() <= 1.0 + 1e-6
+    assert torch.equal(bright[:, 0], bright[:, 1])  # red and green
+    assert (bright[:, 0] - bright[:, 3]).abs().mean() > 0.05  # the other frame
+    assert (bright[:, 0, 0, 0] - bright[:, 0, 4, 4]).abs().mean() > 0.05  # from side to side
+    changed[:, :, 2:7, 2:7] = 0.0
+    assert not changed.any()
+
+
+def test_light_on_images_one_by_one_is_that_on_their_stack():
+    torch.manual_seed(0)
+    dark = torch.rand(5, 9, 8, 8)
+    light = Light(0.5 + torch.rand(5, 9), torch.rand(5, 3, 3, 3))
+    stacked, alone = light.on(dark), light.single().on(torch.cat(dark.split(3, 1)))
+    torch.testing.assert_close(torch.cat(alone.chunk(3), 1), stacked)
+
+
+def test_a_policy_sees_moved_images_and_their_light_as_it_does_the_two_together():
     torch.manual_seed(0)
     changed = Augment(1, 0.3)(picture())
     torch.manual_seed(0)
-    moved, factors = Augment(1, 0.3).drawn(picture())
+    moved, light = Augment(1, 0.3).drawn(picture())
     assert moved.dtype == torch.uint8
-    torch.testing.assert_close(ImageActor.darken(moved) * factors[:, :, None, None], changed)
+    torch.testing.assert_close(light.on(ImageActor.darken(moved)), changed)
     actor = ImageActor(image_spec(9))
     with torch.no_grad():
-        found = actor.state(moved, torch.zeros(16, 2), None, factors)
+        found = actor.state(moved, torch.zeros(16, 2), None, light)
         plain = actor.state(moved, torch.zeros(16, 2))
         other = actor.state((255 * (1 - changed)).permute(0, 2, 3, 1), torch.zeros(16, 2))
     torch.testing.assert_close(found, other, atol=1e-6, rtol=1e-6)

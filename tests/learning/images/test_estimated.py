@@ -6,10 +6,12 @@ import torch
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.estimated import TRUTH, Estimated, Regression, estimation_loss
+from pinwm_drake.learning.images.estimated import TRUTH, Estimated, Regression, error_weights, estimation_loss
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.tasks.flip import FlipTask
+from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 N_STEPS = 8
@@ -107,3 +109,16 @@ def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
     policy = train_ppo(ToyWorlds(images=True), spec, options, StageRun(tmp_path, "ppo"))
     assert evaluate_worlds(ToyWorlds(images=True), policy, 64, seed=5).success_rate > 0.9
     assert isinstance(policy.actor, ImageActor)
+
+
+def test_errors_count_by_their_usual_size():
+    task = FlipTask()
+    weights = error_weights(task, 1, torch.device("cpu"))
+    errors, actions = np.array(task.errors), np.zeros(3)
+    assert weights.max() == 1.0
+    usual = torch.from_numpy(np.concatenate([errors, errors, actions])).float()
+    each = weights * usual**2
+    torch.testing.assert_close(each[:36], each[:1].expand(36))
+    state = torch.rand(4, 39)
+    assert estimation_loss(state + usual, state, weights).item() == pytest.approx(each.mean().item(), rel=1e-4)
+    assert error_weights(PushTask(), 0, torch.device("cpu")) is None

@@ -68,6 +68,40 @@ def test_its_size_follows_from_the_object_and_the_camera():
     assert window_size(image_spec(128)) is None
 
 
+def test_one_image_by_itself_needs_less_room_than_a_stack():
+    alone = dataclasses.replace(image_spec(128, frames=3, scene=SCENE), history=2)
+    assert window_size(alone) < window_size(image_spec(128, scene=SCENE))
+
+
+@pytest.mark.parametrize("at", [(24, 20), (5, 44), (46, 3)])
+def test_the_window_of_a_part_is_that_of_the_image(at):
+    window, image = Window(SPEC), dark_square(*at)[..., :3]
+    part, corner = window.part(image)
+    assert part.shape == (1, 24, 24, 3)
+    for found, expected in zip(window(part, corner), window(image), strict=True):
+        torch.testing.assert_close(found, expected)
+    nothing = torch.full((1, 48, 48, 3), 255, dtype=torch.uint8)
+    assert not window(*window.part(nothing))[0].any()
+
+
+def test_images_of_a_history_are_seen_one_by_one_and_their_parts_are_enough():
+    spec = dataclasses.replace(SPEC, frames=3, history=2)
+    torch.manual_seed(0)
+    actor, places = make_actor(spec), ((20, 24), (26, 22), (34, 30))
+    a, b, c = (dark_square(*at)[..., :3] for at in places)
+    pusher = torch.rand(1, 10) - 0.5  # now, and twice the pusher and the action
+    with torch.no_grad():
+        state = actor.state(torch.cat([a, b, c], 3), pusher)
+        earlier = actor.state(torch.cat([a, a, b], 3), torch.cat([pusher[:, 2:4], pusher[:, 2:]], 1))
+        parts, corners = zip(*(actor.parts(one.numpy()) for one in (a, b, c)), strict=True)
+        stack, corner = torch.from_numpy(np.concatenate(parts, 3)), torch.from_numpy(np.stack(corners, 1))
+        of_parts = actor.state(stack, pusher, corner=corner)
+    size = spec.task.state_size
+    torch.testing.assert_close(state[:, size : 2 * size], earlier[:, :size])
+    assert torch.equal(state[:, 2 * size : 2 * size + 2], pusher[:, 4:6])
+    torch.testing.assert_close(of_parts, state)
+
+
 @pytest.mark.parametrize("changes", [{"window": 0}, {"window": 49}, {"window": 16, "scene": None}])
 def test_windows_that_cannot_be_are_refused(changes):
     with pytest.raises(ParameterError, match="window"):
