@@ -131,18 +131,22 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
     if request.goals == "random":
         given["goal_range"] = (request.goal_reach, request.goal_reach, request.goal_turn)
     task: dict[str, Any] | None = given if request.task is None else {"name": request.task} | given
-    size, latency = request.image_size or 64, request.latency or (0.0, 0.0)
+    recipe = recipe_of(request.task or setup.task)
+    size, latency = request.image_size or recipe.image_size, request.latency or recipe.latency
+    history = request.history
+    if history is None:
+        history = 0 if request.method == "ppo" else recipe.history
     if station is not None:
         setup = at_station(replace(setup, task=changed_task(setup.task, task)), station)
         task, size, latency = None, setup.camera.width, request.latency or latency_of(station.document)
     options = training_options(
         task=task,
         image_size=size,
-        frames=max(request.frames, request.history + 1) if request.history else request.frames,
-        history=request.history,
+        frames=max(request.frames, history + 1),
+        history=history,
         max_translation=request.max_translation,
         latency=latency,
-        lag=request.lag,
+        lag=request.lag or recipe.lag,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
     domains = domains or _cousins(request, setup.twin)

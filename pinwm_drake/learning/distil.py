@@ -46,7 +46,8 @@ class DistilOptions(Options):
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of `StateActor.imitation` beside the state's error (Huber's).
+        action_weight: Weight of `StateActor.imitation` beside the state's error (Huber's), in tasks that tell no errors:
+            their teachers have not met any.
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.
@@ -203,7 +204,9 @@ def _learn(
         moved, light = augment.drawn(images)
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
         found = student.state(moved, pusher, drawn_goal, light, parts)
-        loss = estimation_loss(found, state, counted) + options.action_weight * student.actor.imitation(found, state)
+        loss = estimation_loss(found, state, counted)
+        if counted is None:
+            loss = loss + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

@@ -29,6 +29,10 @@ class Recipe:
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
+        image_size: px, size of the images of policies.
+        history: Number of the last actions that policies see; 0 where PPO learns from images.
+        latency: s, least and largest delay of an action that policies are trained for, where no station tells its own.
+        lag: s, least and largest time constant of the pusher's velocity that they are trained for.
         assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the
             pusher's box along the task's axes, where its observation is -1 and 1. It gives a torch module from a
             network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size), or None where the
@@ -54,6 +58,10 @@ class Recipe:
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
     most_force: float | None = None
+    image_size: int = 64
+    history: int = 0
+    latency: tuple[float, float] = (0.0, 0.0)
+    lag: tuple[float, float] = (0.0, 0.0)
     assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
     waypoints: bool = False
     planner: Literal["outline", "sampling"] = "sampling"

@@ -84,19 +84,20 @@ class TrainRequest:
             unit="s",
             metavar="MIN MAX",
             allowed="0 or more, the least first",
-            default="the station's, or 0 0",
+            default="the station's, or the task's",
         ),
     ] = None
     lag: Annotated[
-        tuple[float, float],
+        tuple[float, float] | None,
         option(
             "Time constants of the pusher's velocity.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
             allowed="0 or more, the least first",
+            default="the task's",
         ),
-    ] = (0.0, 0.0)
+    ] = None
     station: Annotated[
         Path | None,
         option("File station.yaml of the lab.", group=LAB),
@@ -105,7 +106,7 @@ class TrainRequest:
     mask_error: Annotated[float, option("Outline error in training.", group=LAB, unit="px", ge=0, le=1)] = 0.0
     image_size: Annotated[
         int | None,
-        option("Size of the policy's images.", group=LAB, unit="px", ge=1, default="the station's view, or 64"),
+        option("Size of the policy's images.", group=LAB, unit="px", ge=1, default="the station's, or the task's"),
     ] = None
     frames: Annotated[int, option("Images that the policy sees.", group=LAB, ge=1)] = 3
     algorithm: Annotated[
@@ -123,7 +124,7 @@ class TrainRequest:
         int | None, option("Student's updates in a round.", group=ADVANCED, ge=1, default="as needed")
     ] = None
     shift: Annotated[int | None, option("Random shift of student's images.", group=ADVANCED, unit="px")] = None
-    history: Annotated[int, option("Past actions seen.", group=ADVANCED, ge=0)] = 0
+    history: Annotated[int | None, option("Past actions seen.", group=ADVANCED, ge=0, default="the task's")] = None
     auxiliary: Annotated[bool, option("Teach PPO to estimate the state as well.", group=ADVANCED)] = True
     device: Annotated[str, option("Device: cpu or cuda.", group=ADVANCED)] = "cpu"
     seed: Annotated[int, option("Random seed.", group=ADVANCED, ge=0)] = 0
@@ -140,7 +141,7 @@ class TrainRequest:
         draws = task_names("goal_range")
         drawn = self.goals == "fixed" or self.task in (None, *draws)
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
-        for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag)):
+        for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag or (0.0, 0.0))):
             require(name, f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")

@@ -30,12 +30,16 @@ class Light:
 
     def on(self, dark: Tensor) -> Tensor:
         """Changed images (B, 3 k, height, width) float32, 0 for white and 1 for black, of such."""
-        if self.shade is not None:
-            shade = interpolate(self.shade, dark.shape[2:], mode="bilinear", align_corners=True)
-            stacked = dark.unflatten(1, (-1, 3))
-            shown = stacked.amax(2, keepdim=True) > 0.0
-            dark = (shown * (1.0 - shade[:, :, None] * (1.0 - stacked))).flatten(1, 2)
-        return dark * self.factors[:, :, None, None]
+        if self.shade is None:
+            return dark * self.factors[:, :, None, None]
+        shade = interpolate(self.shade, dark.shape[2:], mode="bilinear", align_corners=True)
+        # One channel after another: a maximum over three numbers takes five times as long.
+        shown = (dark[:, 0::3] + dark[:, 1::3] + dark[:, 2::3]) > 0.0
+        light = torch.empty_like(dark)
+        for channel in range(3):
+            bright = (1.0 - dark[:, channel::3]) * shade
+            light[:, channel::3] = shown * (1.0 - bright) * self.factors[:, channel::3, None, None]
+        return light
 
 
 class Augment:
