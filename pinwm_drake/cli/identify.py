@@ -23,7 +23,7 @@ def identify(request: IdentifyRequest) -> None:
     from rich.console import Console
 
     from pinwm_drake.documents import ROUND_CONE, warn_without_effect
-    from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes
+    from pinwm_drake.experiments.twins import has_surfels, identify, read_pushes, task_doubts
     from pinwm_drake.geometry.primitive import acting_words
     from pinwm_drake.identification.checkpoint import CHECKPOINT_FILE
     from pinwm_drake.identification.time_step import way_in_a_step
@@ -67,6 +67,8 @@ def identify(request: IdentifyRequest) -> None:
     if measured := result.twin.provenance.get("poses"):
         say(_noise(measured))
     elif doubt := doubt_words(result.found.loss):
+        say(f"warning: {doubt}")
+    for doubt in task_doubts(result.twin, pushes):
         say(f"warning: {doubt}")
     if frame := result.twin.provenance.get("frame"):
         say(frame["note"])

@@ -34,6 +34,8 @@ def train(request: TrainRequest) -> None:
                 for name, (low, high) in training.wide_frictions(request).items():
                     option = f"--{name.replace('_', '-')}"
                     say(f"{name} is {low:.2g} to {high:.2g}: each episode draws its own; {option} sets a range")
+                for doubt in training.doubts(request):
+                    say(f"warning: {doubt}")
                 with stages_bar(transient=True) as show:
                     show("forecasting", 0.0, "a brief training of each stage")
                     found = forecast(

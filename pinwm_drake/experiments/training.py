@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from pinwm_drake.cousins.domain import CousinDomains, DomainSource
+from pinwm_drake.cousins.domain import CousinDomains, DomainSource, known_ranges
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.files import occupying, prepare_folder
@@ -167,6 +167,18 @@ def wide_frictions(request: TrainRequest) -> dict[str, tuple[float, float]]:
     """
     twin = _setup(request).twin
     return _cousins(request, twin).wide(twin)
+
+
+def doubts(request: TrainRequest) -> list[str]:
+    """Sentences on frictions of a training with which its task is not known to be possible.
+
+    Raises:
+        InputError: The scene of the request cannot be used.
+    """
+    setup = _setup(request)
+    asked = {"friction_floor": request.friction_floor, "friction_pusher": request.friction_pusher}
+    ranges = known_ranges(setup.twin) | {name: ends for name, ends in asked.items() if ends is not None}
+    return recipe_of(request.task or setup.task).doubts(ranges)
 
 
 def _placed_in(request: TrainRequest) -> str | None:

@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from pinwm_drake.capture.episodes import Episode, read_episode, tell_doubts
 from pinwm_drake.capture.measured_poses import MeasuredPoses, poses_files, read_measured_poses
 from pinwm_drake.capture.scene import Capture, load_capture
 from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.write import write_pose_table
+from pinwm_drake.cousins.domain import known_ranges
 from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.alignment import align
 from pinwm_drake.experiments.progress import Progress, silent
@@ -30,10 +33,12 @@ from pinwm_drake.rendering.ply import read_ply
 from pinwm_drake.report.live.page import ProgressPage
 from pinwm_drake.report.surfels.fit_results import ALIGN_FILE, read_offset, read_registration
 from pinwm_drake.spatial.poses import compose, identity, inverse
+from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.origin import seen_start
 from pinwm_drake.twin.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.write import write_twin
 
+_UPWARDS = 5e-3  # m, by which a pusher moves up or down in a poke
 # Parameters that the progress shows.
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
 
@@ -152,6 +157,14 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
     return [
         read_measured_poses(path, push.start or capture.object.X_WO) for path, push in zip(paths, pushes, strict=True)
     ]
+
+
+def task_doubts(twin: Twin, pushes: Sequence[Episode]) -> list[str]:
+    """Sentences on frictions with which the tasks of these pushes, or pokes, are not known to be possible."""
+    upwards = any(float(np.ptp(push.trajectory.p_WP[:, 2])) > _UPWARDS for push in pushes)
+    recipes = [recipe_of(name) for name in task_names()]
+    wanted = [one for one in recipes if one.motion == ("poke" if upwards else "push")]
+    return [doubt for one in wanted for doubt in one.doubts(known_ranges(twin))]
 
 
 def has_surfels(folder: Path) -> bool:

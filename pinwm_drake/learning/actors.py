@@ -22,7 +22,6 @@ from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
 from pinwm_drake.learning.heading import Heading
-from pinwm_drake.learning.images.augment import Light
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of
@@ -311,7 +310,6 @@ class ImageActor(nn.Module):
         image: Tensor,
         pusher: Tensor,
         goal: Tensor | None = None,
-        light: Light | None = None,
         corner: Tensor | None = None,
     ) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
@@ -320,7 +318,6 @@ class ImageActor(nn.Module):
             image: (B, height, width, channels) RGB, as for `darken`; or parts of these, of which `corner` tells.
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
-            light: Random changes of the colours; None for none.
             corner: (B, frames, 2) px, first pixels of the images, where they are parts of the camera's; see `parts`.
         """
         if self._frames > 1:
@@ -331,8 +328,6 @@ class ImageActor(nn.Module):
             dark = self.darken(image)
         else:
             dark, place = self.window(image, corner)
-        if light is not None:
-            dark = (light.single() if self._frames > 1 else light).on(dark)
         with torch.autocast("cpu", torch.bfloat16) if self.mixed_precision else nullcontext():
             features = self.features(self.convolutions(dark)).float()
         if not self.history:

@@ -46,7 +46,7 @@ class DistilOptions(Options):
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of `StateActor.imitation` beside the state's error (Huber's), in tasks that tell no errors:
+        action_weight: Weight of `StateActor.imitation` beside the state's error, in tasks that do not tell errors:
             their teachers have not met any.
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
@@ -199,11 +199,10 @@ def _learn(
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
-        drawn = frames.draw(options.batch_size, generator)
-        images, pusher, state, goal, corner = (torch.from_numpy(one).to(device) for one in drawn)
-        moved, light = augment.drawn(images)
+        drawn = [torch.from_numpy(one) for one in frames.draw(options.batch_size, generator)]
+        images, pusher, state, goal, corner = (one.to(device) for one in (augment.as_images(drawn[0]), *drawn[1:]))
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
-        found = student.state(moved, pusher, drawn_goal, light, parts)
+        found = student.state(images, pusher, drawn_goal, parts)
         loss = estimation_loss(found, state, counted)
         if counted is None:
             loss = loss + options.action_weight * student.actor.imitation(found, state)

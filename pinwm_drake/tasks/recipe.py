@@ -4,8 +4,8 @@
 What stands in higher layers is named by plain words, which these layers look up: no one asks which task it is.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +29,7 @@ class Recipe:
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
+        possible: Ranges of theta, by name, in which plans of this task have done it; empty where all was tried.
         image_size: px, size of the images of policies.
         history: Number of the last actions that policies see; 0 where PPO learns from images.
         latency: s, least and largest delay of an action that policies are trained for, where no station tells its own.
@@ -58,6 +59,7 @@ class Recipe:
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
     most_force: float | None = None
+    possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     image_size: int = 64
     history: int = 0
     latency: tuple[float, float] = (0.0, 0.0)
@@ -69,3 +71,13 @@ class Recipe:
     check: Literal["pushes", "pokes"] = "pushes"
     success_words: Callable[[Any], str] = lambda task: f"success in the task {task.name}"
     estimate_words: Callable[[Any, np.ndarray], str] = lambda task, state: ""
+
+    def doubts(self, ranges: Mapping[str, tuple[float, float]]) -> list[str]:
+        """Sentences on what is beyond `possible`, of ranges of theta by name."""
+        found = []
+        for name, (low, high) in self.possible.items():
+            least, most = ranges.get(name, (low, high))
+            if least < low or most > high:
+                given = f"{least:.2g}" if least == most else f"{least:.2g} to {most:.2g}"
+                found.append(f"{name} is {given}; {self.scene} is known to be possible from {low:g} to {high:g}")
+        return found

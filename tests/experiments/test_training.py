@@ -92,7 +92,7 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
     brief = WaypointOptions(strokes=64, sieves=((1, 4),), attempts=1, rounds=0)
     twin = load_setup("flip_mug").with_theta(friction_floor=0.22).twin
     write_twin(tmp_path / "twin", twin)
-    cases = ({"task": "flip"}, {"in_scene": "flip_mug", "history": 2})
+    cases = ({"task": "flip"}, {"in_scene": "flip_mug", "history": 0, "latency": (0.0, 0.0)})
     for k, options in enumerate(cases):
         request = TrainRequest(
             str(tmp_path / "twin"), tmp_path / str(k), method="state", worlds=2, steps=128, round_steps=128, episodes=1,
@@ -102,7 +102,8 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
         assert (tmp_path / str(k) / "waypoints" / WAYPOINTS_FILE).exists()
         assert policy.provenance["task"] == "flip"
         assert policy.spec.scene.object.name == "mug"
-        assert policy.spec.history == options.get("history", 0)
+        assert policy.spec.history == options.get("history", 2)
+        assert policy.spec.latency == options.get("latency", (0.0, 0.12))
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"
         assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
 

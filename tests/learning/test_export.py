@@ -31,7 +31,7 @@ def test_a_network_that_cannot_be_exported_is_told_before_it_is_trained(monkeypa
     check_exportable(SPEC)
 
     class Silent(ImageActor):
-        def state(self, image, pusher, goal=None, light=None, corner=None):
+        def state(self, image, pusher, goal=None, corner=None):
             return super().state(image.relu() if image.max() > 100 else -image, pusher)
 
     monkeypatch.setattr(export, "make_actor", Silent)

@@ -1,45 +1,14 @@
 # SPDX-License-Identifier: MIT
 """Random changes of images that leave what they show as it is, so that a network does not count on exact pixels."""
 
-from dataclasses import dataclass
-
+import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import interpolate
+
+from pinwm_drake.learning.images.kernels import relight
 
 _GROUPS = 8  # parts of a batch, each of which is moved alike: one image at a time takes longer than the network
 _LIGHTS = 3  # places along each side of an image that have a brightness of their own
-
-
-@dataclass(frozen=True, eq=False)
-class Light:
-    """Change of the colours of what images show; the background stays white.
-
-    Attributes:
-        factors: (B, 3 k) float32, by which what is dark is darker, for each channel of k images.
-        shade: (B, k, s, s) float32, brightness of places in the images, evenly from corner to corner; None for one.
-    """
-
-    factors: Tensor
-    shade: Tensor | None = None
-
-    def single(self) -> "Light":
-        """Light of the images one by one, (k B) of them, the first of all stacks first."""
-        shade = None if self.shade is None else torch.cat(self.shade.unbind(1))[:, None]
-        return Light(torch.cat(self.factors.split(3, 1)), shade)
-
-    def on(self, dark: Tensor) -> Tensor:
-        """Changed images (B, 3 k, height, width) float32, 0 for white and 1 for black, of such."""
-        if self.shade is None:
-            return dark * self.factors[:, :, None, None]
-        shade = interpolate(self.shade, dark.shape[2:], mode="bilinear", align_corners=True)
-        # One channel after another: a maximum over three numbers takes five times as long.
-        shown = (dark[:, 0::3] + dark[:, 1::3] + dark[:, 2::3]) > 0.0
-        light = torch.empty_like(dark)
-        for channel in range(3):
-            bright = (1.0 - dark[:, channel::3]) * shade
-            light[:, channel::3] = shown * (1.0 - bright) * self.factors[:, channel::3, None, None]
-        return light
 
 
 class Augment:
@@ -64,18 +33,13 @@ class Augment:
         """Return changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch draws.
 
         Args:
-            image: (B, height, width, 3 k) uint8, RGB.
+            image: (B, height, width, 3 k) uint8, RGB, on the CPU.
         """
-        moved, light = self.drawn(image)
-        dark = moved.permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
-        return light.on(dark)
+        dark: Tensor = self.as_images(image).permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
+        return dark
 
-    def drawn(self, image: Tensor) -> tuple[Tensor, Light]:
-        """Return moved images (B, height, width, 3 k) uint8, and the light on them, of which a call is made.
-
-        Args:
-            image: That of a call.
-        """
+    def as_images(self, image: Tensor) -> Tensor:
+        """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         B, k = len(image), image.shape[3] // 3
         factors = 1.0 + self._gain * (2.0 * torch.rand(B, 3) - 1.0)
         shade = 1.0 - self._shade * torch.rand(B, k, _LIGHTS, _LIGHTS) if self._shade > 0.0 else None
@@ -83,7 +47,12 @@ class Augment:
             image = self._frayed(image)
         if self._shift > 0:
             image = torch.cat([self._moved(group) for group in image.chunk(_GROUPS)])
-        return image, Light(factors.repeat(1, k).to(image.device), None if shade is None else shade.to(image.device))
+        if self._gain > 0.0 or shade is not None:
+            light = torch.ones(B, k, _LIGHTS, _LIGHTS) if shade is None else shade
+            changed = np.ascontiguousarray(image.numpy()).copy()
+            relight(changed, factors.numpy(), light.numpy())
+            image = torch.from_numpy(changed)
+        return image
 
     def _frayed(self, image: Tensor) -> Tensor:
         """Images (B, height, width, 3 k) whose outlines lack pixels of the object, or have some of what is behind."""
@@ -104,10 +73,6 @@ class Augment:
         pixels = frayed.view(B, height, width, channels // 3, 3)
         pixels[stack, row, column, frame] = behind.masked_fill(smaller[stack, 0, 0, frame, None], 255)
         return frayed
-
-    def as_images(self, image: Tensor) -> Tensor:
-        """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
-        return (255.0 * (1.0 - self(image))).round_().clamp_(0.0, 255.0).byte().permute(0, 2, 3, 1)
 
     def _moved(self, image: Tensor) -> Tensor:
         """Images (b, height, width, 3 k), all moved by the same pixels; white comes in from the sides."""

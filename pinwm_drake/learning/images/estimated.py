@@ -133,9 +133,10 @@ class Regression(BaseCallback):
         device, kept, losses = device_of(self._network), self._worlds.kept(), []
         for _ in range(self._epochs):
             for rows in torch.randperm(len(kept["state"])).split(self._batch_size):
-                seen = {name: values[rows].to(device) for name, values in kept.items()}
-                moved, light = self._augment.drawn(seen["image"])
-                found = self._network.state(moved, seen["pusher"], seen.get("goal"), light)
+                drawn = {name: values[rows] for name, values in kept.items()}
+                drawn["image"] = self._augment.as_images(drawn["image"])
+                seen = {name: values.to(device) for name, values in drawn.items()}
+                found = self._network.state(seen["image"], seen["pusher"], seen.get("goal"))
                 loss = estimation_loss(found, seen["state"])
                 self._optimizer.zero_grad()
                 loss.backward()

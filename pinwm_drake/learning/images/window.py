@@ -14,6 +14,7 @@ from pinwm_drake.learning.spec import PolicySpec
 _MARGIN = 1.7  # side of the window by the diagonal of the object: it moves between the images, and so does the pusher
 _ALONE = 1.4  # the same, where each image has a window of its own
 _BORDER = 4  # px on each side that a part has beside its window, so that it can still move
+_SHOWN = 24.0  # sum of the darkness of three channels from which on a pixel counts as shown
 _MULTIPLE = 4  # px, so that strides leave no remainder
 _STEEP = -0.05  # z of a line of sight from which on it counts as meeting the floor
 
@@ -56,6 +57,8 @@ class Window(nn.Module):
         self._side, self._spec = spec.window, spec.camera
         level = spec.scene.floor_height + 0.5 * min(spec.scene.object.size)
         R_WC = Rotation.from_quat(np.roll(spec.camera.q_WC, -1)).as_matrix()
+        # Of an image by itself what is shown counts, and not how dark it is: light differs from place to place.
+        self._most = _SHOWN if spec.history else 255.0
         self._above = float(spec.camera.p_WC[2]) - level
         self.register_buffer("_R_CW", torch.tensor(R_WC.T).float(), persistent=False)
         self.register_buffer("_p_WC", torch.tensor(spec.camera.p_WC[:2]).float(), persistent=False)
@@ -96,7 +99,7 @@ class Window(nn.Module):
     def _middle(self, image: Tensor, *, whole: bool = True) -> tuple[Tensor, Tensor]:
         """Pixels x and y (B,) float32 of the middle of what is dark in the newest of images, or that of the camera."""
         # One after another: sums over three numbers take twice as long.
-        there = (image[..., -3].float() + image[..., -2] + image[..., -1] - 3.0 * 255.0).neg().clamp(0.0, 255.0)
+        there = (image[..., -3].float() + image[..., -2] + image[..., -1] - 3.0 * 255.0).neg().clamp(0.0, self._most)
         total = there.sum((1, 2))
         some, total = total > 0.0, total.clamp(min=1.0)
         columns, rows, middle = self._columns, self._rows, (self._spec.cx, self._spec.cy)

@@ -2,8 +2,7 @@
 import torch
 
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.images.augment import Augment, Light
-from tests.learning.bundles import image_spec
+from pinwm_drake.learning.images.augment import Augment
 
 
 def picture(batch=16):
@@ -34,21 +33,20 @@ def test_colours_change_alike_in_all_frames_and_white_stays_white():
     values = changed[:, :, 4, 4]
     assert torch.equal(values[:, :3], values[:, 3:])
     dot = 127 / 255
-    assert values.min() >= 0.8 * dot - 1e-6
-    assert values.max() <= 1.2 * dot + 1e-6
+    assert values.min() >= 0.8 * dot - 0.002
+    assert values.max() <= 1.2 * dot + 0.002
     assert values[:, 0].std() > 0.04
     changed[:, :, 4, 4] = 0.0
     assert not changed.any()
 
 
-def test_as_images_white_stays_white_and_the_rest_is_what_is_darkened():
+def test_as_images_they_are_what_is_darkened_in_a_call():
     torch.manual_seed(0)
-    changed = Augment(0, 0.2)(picture())
+    changed = Augment(1, 0.2)(picture())
     torch.manual_seed(0)
-    images = Augment(0, 0.2).as_images(picture())
+    images = Augment(1, 0.2).as_images(picture())
     assert images.dtype == torch.uint8
-    assert images.shape == picture().shape
-    torch.testing.assert_close(ImageActor.darken(images), changed, atol=0.5 / 255 + 1e-6, rtol=0)
+    torch.testing.assert_close(ImageActor.darken(images), changed)
     assert (images[:, 0] == 255).all()
 
 
@@ -59,37 +57,13 @@ def test_shade_takes_brightness_from_what_is_shown_in_each_frame_its_own_and_whi
     image[:, 2:7, 2:7] = 200
     changed = augment(image)
     bright = (1.0 - changed[:, :, 2:7, 2:7]) * 255 / 200
-    assert 0.4 - 1e-6 <= bright.min() < 0.5
-    assert 0.9 < bright.max() <= 1.0 + 1e-6
+    assert 0.395 <= bright.min() < 0.5
+    assert 0.9 < bright.max() <= 1.003
     assert torch.equal(bright[:, 0], bright[:, 1])  # red and green
     assert (bright[:, 0] - bright[:, 3]).abs().mean() > 0.05  # the other frame
     assert (bright[:, 0, 0, 0] - bright[:, 0, 4, 4]).abs().mean() > 0.05  # from side to side
     changed[:, :, 2:7, 2:7] = 0.0
     assert not changed.any()
-
-
-def test_light_on_images_one_by_one_is_that_on_their_stack():
-    torch.manual_seed(0)
-    dark = torch.rand(5, 9, 8, 8)
-    light = Light(0.5 + torch.rand(5, 9), torch.rand(5, 3, 3, 3))
-    stacked, alone = light.on(dark), light.single().on(torch.cat(dark.split(3, 1)))
-    torch.testing.assert_close(torch.cat(alone.chunk(3), 1), stacked)
-
-
-def test_a_policy_sees_moved_images_and_their_light_as_it_does_the_two_together():
-    torch.manual_seed(0)
-    changed = Augment(1, 0.3)(picture())
-    torch.manual_seed(0)
-    moved, light = Augment(1, 0.3).drawn(picture())
-    assert moved.dtype == torch.uint8
-    torch.testing.assert_close(light.on(ImageActor.darken(moved)), changed)
-    actor = ImageActor(image_spec(9))
-    with torch.no_grad():
-        found = actor.state(moved, torch.zeros(16, 2), None, light)
-        plain = actor.state(moved, torch.zeros(16, 2))
-        other = actor.state((255 * (1 - changed)).permute(0, 2, 3, 1), torch.zeros(16, 2))
-    torch.testing.assert_close(found, other, atol=1e-6, rtol=1e-6)
-    assert (plain - other).abs().max() > 1e-5
 
 
 def square(batch=400, frames=2):
@@ -102,7 +76,7 @@ def square(batch=400, frames=2):
 def test_masks_are_too_small_or_too_large_along_their_outline_alone():
     torch.manual_seed(0)
     image = square()
-    changed = Augment(0, 0.0, 1.0).drawn(image)[0]
+    changed = Augment(0, 0.0, 1.0).as_images(image)
     assert torch.equal(image, square())  # it is not changed in place
     assert (changed[:, 11:29, 11:29] == 100).all()
     assert (changed[:, :9] == 255).all()
@@ -121,7 +95,7 @@ def test_masks_are_too_small_or_too_large_along_their_outline_alone():
 
 def test_masks_are_wrong_by_no_more_than_is_allowed():
     torch.manual_seed(0)
-    changed = Augment(0, 0.0, 0.25).drawn(square())[0]
+    changed = Augment(0, 0.0, 0.25).as_images(square())
     inner = (changed.view(400, 40, 40, 2, 3) != 255).any(-1).sum((1, 2))
     assert 400 - 76 * 0.5 < inner.min() < 390
     assert 410 < inner.max() < 400 + 80 * 0.5
@@ -129,7 +103,7 @@ def test_masks_are_wrong_by_no_more_than_is_allowed():
 
 def test_what_is_seen_beside_an_object_has_one_colour_a_stack():
     torch.manual_seed(0)
-    changed = Augment(0, 0.0, 1.0).drawn(square())[0].view(400, 40, 40, 2, 3)
+    changed = Augment(0, 0.0, 1.0).as_images(square()).view(400, 40, 40, 2, 3)
     outside = torch.ones(40, 40, dtype=torch.bool)
     outside[10:30, 10:30] = False
     colours = []
