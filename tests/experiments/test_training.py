@@ -10,7 +10,7 @@ from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.experiments.requests.train import TrainRequest
-from pinwm_drake.experiments.training import train, worlds_of
+from pinwm_drake.experiments.training import doubts, train, worlds_of
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
@@ -106,6 +106,29 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
         assert policy.spec.latency == options.get("latency", (0.0, 0.12))
         assert policy.provenance["trained_in"]["scene"] == "flip_mug"
         assert policy.provenance["trained_in"]["task"]["up"] == [0.0, 0.0, -1.0]
+
+
+def test_what_is_late_and_seen_of_a_flip_is_the_tasks_where_nothing_is_said(tmp_path):
+    flip = worlds_of(TrainRequest("flip_mug", tmp_path, worlds=2)).options
+    assert (flip.image_size, flip.frames, flip.history) == (128, 3, 2)
+    assert (flip.latency, flip.lag) == ((0.0, 0.12), (0.0, 0.03))
+    given = TrainRequest("flip_mug", tmp_path, worlds=2, image_size=32, history=0, latency=(0.0, 0.0), lag=(0.0, 0.01))
+    flip = worlds_of(given).options
+    assert (flip.image_size, flip.history, flip.latency, flip.lag) == (32, 0, (0.0, 0.0), (0.0, 0.01))
+    assert worlds_of(TrainRequest("flip_mug", tmp_path, worlds=2, method="ppo")).options.history == 0
+    push = worlds_of(TrainRequest("push_t", tmp_path, worlds=2)).options
+    assert (push.image_size, push.history, push.latency, push.lag) == (64, 0, (0.0, 0.0), (0.0, 0.0))
+
+
+def test_frictions_with_which_a_flip_is_not_known_to_be_possible_are_told(tmp_path):
+    assert doubts(TrainRequest("flip_mug", tmp_path)) == []
+    assert doubts(TrainRequest("push_t", tmp_path, friction_floor=(0.01, 0.9))) == []
+    assert doubts(TrainRequest("flip_mug", tmp_path, friction_floor=(0.05, 0.3))) == [
+        "friction_floor is 0.05 to 0.3; flip_mug is known to be possible from 0.1 to 0.5"
+    ]
+    write_twin(tmp_path / "twin", load_setup("flip_mug").with_theta(friction_pusher=1.4).twin)
+    (pusher,) = doubts(TrainRequest(str(tmp_path / "twin"), tmp_path, task="flip"))
+    assert pusher.startswith("friction_pusher is 1.4;")
 
 
 def test_a_camera_as_filmed_shows_the_object_where_the_twin_says_that_it_does(tmp_path):

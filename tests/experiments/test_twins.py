@@ -1,4 +1,7 @@
 # SPDX-License-Identifier: MIT
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 import torch
 
@@ -28,3 +31,12 @@ def test_the_surfels_of_another_twin_are_used_and_none_are_fitted(tmp_path, monk
     torch.testing.assert_close(asked["X_OS"].p, torch.zeros(3, dtype=torch.float64), atol=1e-12, rtol=0.0)
     torch.testing.assert_close(asked["X_OS"].q.abs(), torch.tensor([1.0, 0, 0, 0], dtype=torch.float64))
     assert not list((tmp_path / "twin").iterdir())
+
+
+@pytest.mark.parametrize(("up", "told"), [(0.0, 0), (0.04, 1)])
+def test_frictions_beyond_those_of_flips_are_told_after_pokes_alone(up, told):
+    twin = pw.load_setup("flip_mug").with_theta(friction_floor=0.6).twin
+    way = SimpleNamespace(p_WP=np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.03 + up]]))
+    found = twins.task_doubts(twin, [SimpleNamespace(trajectory=way)])
+    assert len(found) == told
+    assert all(one.startswith("friction_floor is 0.6; flip_mug is known") for one in found)
