@@ -53,7 +53,7 @@ class DistilOptions(Options):
         shift: px, largest random shift of the images.
         gain: Relative half-width of the colours' random factors.
         mask: px, by which masks are too small or too large at the most, up to 1; see `Augment`.
-        shade: Largest share of its brightness that a place in an image loses, where images are seen one by one.
+        shade: Largest share of brightness that images lose, where they are seen one by one; see `Augment`.
         episodes: Number of episodes in an evaluation.
     """
 

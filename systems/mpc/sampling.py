@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.math import RotationMatrix
 
+from pinwm_drake.cousins.cousin import CousinDraw
 from pinwm_drake.errors import require
 from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.worlds import Advance, Worlds
@@ -37,6 +38,9 @@ class SamplingOptions:
         iterations: Number of rounds for each action that is carried out.
         first_iterations: Number of rounds for the first action of an episode.
         polish: Number of rounds after the first that found a success, at most.
+        cousins: Number of cousins of the twin in which a sequence is tried after that, the twin first; of these the
+            one that does best in all of them is carried out. 1 for the twin alone.
+        delta: Relative half-width of the cousins' ranges.
         elites: Number of the best sequences, which the next round is drawn around.
         kept: Number of these that are tried again in the next round.
         spread: Standard deviation of an action's components in the first round, in units of the longest translation.
@@ -56,6 +60,8 @@ class SamplingOptions:
     iterations: int = 3
     first_iterations: int = 12
     polish: int = 3
+    cousins: int = 8
+    delta: float = 0.1
     elites: int = 8
     kept: int = 3
     spread: float = 0.7
@@ -72,6 +78,7 @@ class SamplingOptions:
             require(name, getattr(self, name), 1 <= getattr(self, name) <= 1000, "1 to 1000")
         require("elites", self.elites, 1 <= self.elites <= self.samples, "1 to the number of samples")
         require("kept", self.kept, 0 <= self.kept <= self.elites, "0 to the number of elites")
+        require("cousins", self.cousins, 1 <= self.cousins <= 1000, "1 to 1000")
         for name in ("spread", "least_spread"):
             require(name, getattr(self, name), 0 < getattr(self, name) <= 10, "more than 0, up to 10")
         require("effort", self.effort, 0 <= self.effort <= 100, "0 to 100")
@@ -132,6 +139,12 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         self.worlds = Worlds(setup, "twin", self.options.samples, settings)
         self.task, self.worlds.most_force = self.worlds.task, recipe_of(task).most_force
         self._random = np.random.default_rng(self.options.seed)
+        # Twice as many sequences as elites have to be left where each is tried in all cousins.
+        self._tries = max(1, min(self.options.cousins, self.options.samples // (2 * self.options.elites)))
+        cousins = CousinDraw(setup.twin, delta=self.options.delta, seed=self.options.seed)
+        for world in range(self.options.samples):
+            if number := world % self._tries:
+                self.worlds.run.set_domain(cousins.cousin(number), world, colours=False)
         self._strokes = Strokes(self.worlds, self.options.horizon) if Strokes.apply(self.worlds) else None
         place = StartDistribution(self.worlds.setup).middle()
         self._usual = place.object_state, place.p_WP
@@ -173,27 +186,33 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
             kept = like[None]
             mean, spread = like.copy(), np.full_like(spread, 0.5 * options.spread)
         best, middle, left = None, None, options.first_iterations if last is None else options.iterations
+        tries = 1 if last is None or not last.success else self._tries
         while left > 0:
-            drawn = np.clip(mean + spread * self._noise(n), -1.0, 1.0)
+            drawn = np.clip(mean + spread * self._noise(n)[::tries], -1.0, 1.0)
             drawn[: len(kept)] = kept
             if best is not None:
                 drawn[-1] = mean
             if best is None and self._strokes is not None:
-                part = drawn[-round(_STROKES * options.samples) :]
+                part = drawn[-round(_STROKES * len(drawn)) :]
                 strokes = self._strokes.draw(self._random, len(part), object_state, p_WP)
                 part[:] = strokes @ heading_turn(self.task, object_state, p_WP).T
-            values, successes = self._values(drawn, object_state, p_WP)
+            found = self._values(np.repeat(drawn, tries, axis=0), object_state, p_WP)
+            values, shares = (one.reshape(-1, tries).mean(1) for one in found)
             if best is not None:
-                middle = ActionPlan(mean.copy(), float(values[-1]), bool(successes[-1]))
+                middle = ActionPlan(mean.copy(), float(values[-1]), bool(shares[-1] > 0.5))
             order = np.argsort(-values, kind="stable")[: options.elites]
             elites, first = drawn[order], order[0]
             if best is None or values[first] > best.value:
-                best = ActionPlan(drawn[first].copy(), float(values[first]), bool(successes[first]))
+                best = ActionPlan(drawn[first].copy(), float(values[first]), bool(shares[first] > 0.5))
             mean = options.momentum * mean + (1.0 - options.momentum) * elites.mean(0)
             spread = options.momentum * spread + (1.0 - options.momentum) * elites.std(0)
             spread = np.maximum(spread, options.least_spread)
             kept = elites[: options.kept]
             left = min(left - 1, options.polish) if best.success else left - 1
+            if best.success and tries < self._tries and left > 0:
+                # What succeeded once is among the sequences that are kept; in the cousins it has another value.
+                tries, best = self._tries, ActionPlan(best.actions, -math.inf, success=True)
+                kept = elites[: max(options.kept, 1)]
         assert best is not None
         # The middle of many good plans bears more than the best of them, which may hang on a hair.
         return middle if middle is not None and middle.success else best

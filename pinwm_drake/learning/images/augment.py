@@ -25,7 +25,8 @@ class Augment:
             gain: Relative half-width of a factor for each of red, green and blue, alike in all frames of a stack.
             mask: px, by which masks are too small or too large at the most, up to 1: as a share of the pixels along the
                 outline. A stack draws its own share and what is behind the object; a frame differs by up to a third.
-            shade: Largest share of its brightness that a place in an image loses, up to 1; each frame draws its own.
+            shade: Largest share of its brightness that an image loses, and a place in it once more, up to 1; each frame
+                draws its own.
         """
         self._shift, self._gain, self._mask, self._shade = shift, gain, mask, shade
 
@@ -42,7 +43,10 @@ class Augment:
         """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         B, k = len(image), image.shape[3] // 3
         factors = 1.0 + self._gain * (2.0 * torch.rand(B, 3) - 1.0)
-        shade = 1.0 - self._shade * torch.rand(B, k, _LIGHTS, _LIGHTS) if self._shade > 0.0 else None
+        shade = None
+        if self._shade > 0.0:
+            whole, places = torch.rand(B, k, 1, 1), torch.rand(B, k, _LIGHTS, _LIGHTS)
+            shade = (1.0 - self._shade * whole) * (1.0 - self._shade * places)
         if self._mask > 0.0:
             image = self._frayed(image)
         if self._shift > 0:

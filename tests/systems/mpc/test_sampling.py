@@ -90,7 +90,8 @@ def test_half_of_the_first_sequences_of_a_plan_are_strokes_from_the_pusher_to_th
 
 @pytest.mark.parametrize("bears", [True, False])
 def test_the_middle_of_good_plans_is_taken_where_it_succeeds_and_the_best_one_otherwise(cube, monkeypatch, bears):
-    planner = SamplingMpc(cube, options=SamplingOptions(samples=64, horizon=2, first_iterations=4, elites=8, kept=0))
+    options = SamplingOptions(samples=64, horizon=2, first_iterations=4, elites=8, kept=0, cousins=1)
+    planner = SamplingMpc(cube, options=options)
     tried, worth = [], []
 
     def values(actions, object_state, p_WP):
@@ -112,11 +113,46 @@ def test_the_middle_of_good_plans_is_taken_where_it_succeeds_and_the_best_one_ot
         np.testing.assert_array_equal(plan.actions, every[values_of.argmax()])
 
 
+def test_of_plans_that_succeed_the_one_that_does_in_all_cousins_is_taken(cube, monkeypatch):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=128, horizon=2, elites=8, cousins=8))
+    tried = []
+
+    def values(actions, object_state, p_WP):
+        bold = actions[:, 0, 0] > 0.0  # as good as can be in the first cousin, and bad in all others
+        tried.append(actions.copy())
+        first = np.arange(len(actions)) % 8 == 0
+        successes = ~bold | first if len(tried) > 1 else bold
+        return np.where(bold, np.where(first | (len(tried) == 1), 2.0, -2.0), 1.0), successes
+
+    monkeypatch.setattr(planner, "_values", values)
+    plan = planner.plan(np.full(13, np.nan), np.full(3, np.nan))
+    assert plan.success
+    assert plan.value == 1.0
+    assert plan.actions[0, 0] <= 0.0
+    assert len(tried) == 4  # one round that found a success, and three in all cousins
+    np.testing.assert_array_equal(tried[1][:8], np.tile(tried[1][0], (8, 1, 1)))
+    assert tried[1][0, 0, 0] > 0.0  # what succeeded at first is tried again
+
+
+def test_the_worlds_of_a_planner_are_the_twin_and_its_cousins(cube):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=16, elites=2, kept=1, cousins=4))
+    state = planner.worlds.run.get_state()
+    (theta,) = [one for name, one in state.items() if name.startswith("numeric.")][:1]
+    rows = theta.reshape(16, -1)
+    np.testing.assert_array_equal(rows, np.tile(rows[:4], (4, 1)))
+    twin = SamplingMpc(cube, options=SamplingOptions(samples=16, elites=2, kept=1, cousins=1)).worlds.run.get_state()
+    alone = next(one for name, one in twin.items() if name.startswith("numeric."))
+    np.testing.assert_array_equal(rows[0], alone.reshape(16, -1)[0])
+    assert len(np.unique(rows[:4], axis=0)) == 4
+
+
 def test_more_rounds_find_no_worse_plans(cube):
     env = TaskEnv(cube, "twin", COARSE)
     state, p_WP = env.task.object_state(np.asarray(env.reset(seed=2)[0])[None])
     few, many = (
-        SamplingMpc(cube, options=SamplingOptions(samples=16, first_iterations=rounds)).plan(state[0], p_WP[0]).value
+        SamplingMpc(cube, options=SamplingOptions(samples=16, first_iterations=rounds, cousins=1))
+        .plan(state[0], p_WP[0])
+        .value
         for rounds in (1, 6)
     )
     assert many >= few
@@ -131,7 +167,9 @@ def test_a_state_that_is_no_number_moves_nothing_and_a_wrong_one_is_refused(cube
         policy.predict({"image": np.zeros(3)})
 
 
-@pytest.mark.parametrize("wrong", [{"samples": 1}, {"elites": 300}, {"kept": 9}, {"spread": 0.0}, {"correlation": 1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"samples": 1}, {"elites": 300}, {"cousins": 0}, {"kept": 9}, {"spread": 0.0}, {"correlation": 1.0}]
+)
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         SamplingOptions(**wrong)
