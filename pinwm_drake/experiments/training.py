@@ -146,7 +146,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         history=history,
         max_translation=request.max_translation,
         latency=latency,
-        lag=request.lag or recipe.lag,
+        lag=request.lag,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
     domains = domains or _cousins(request, setup.twin)

@@ -33,7 +33,6 @@ class Recipe:
         image_size: px, size of the images of policies.
         history: Number of the last actions that policies see; 0 where PPO learns from images.
         latency: s, least and largest delay of an action that policies are trained for, where no station tells its own.
-        lag: s, least and largest time constant of the pusher's velocity that they are trained for.
         assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the
             pusher's box along the task's axes, where its observation is -1 and 1. It gives a torch module from a
             network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size), or None where the
@@ -63,7 +62,6 @@ class Recipe:
     image_size: int = 64
     history: int = 0
     latency: tuple[float, float] = (0.0, 0.0)
-    lag: tuple[float, float] = (0.0, 0.0)
     assembly: Callable[[Any, np.ndarray, np.ndarray], Any] = lambda task, low, high: None
     waypoints: bool = False
     planner: Literal["outline", "sampling"] = "sampling"

@@ -88,16 +88,15 @@ class TrainRequest:
         ),
     ] = None
     lag: Annotated[
-        tuple[float, float] | None,
+        tuple[float, float],
         option(
             "Time constants of the pusher's velocity.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
             allowed="0 or more, the least first",
-            default="the task's",
         ),
-    ] = None
+    ] = (0.0, 0.0)
     station: Annotated[
         Path | None,
         option("File station.yaml of the lab.", group=LAB),
@@ -141,7 +140,7 @@ class TrainRequest:
         draws = task_names("goal_range")
         drawn = self.goals == "fixed" or self.task in (None, *draws)
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
-        for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag or (0.0, 0.0))):
+        for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag)):
             require(name, f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")

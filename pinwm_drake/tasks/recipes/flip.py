@@ -29,7 +29,6 @@ FLIP = Recipe(
     image_size=128,  # an object in flight is seen to 2 mm and 3 degrees; with 64, to 5 mm and 8 degrees
     history=2,
     latency=(0.0, 0.12),
-    lag=(0.0, 0.03),
     assembly=_assembly,
     waypoints=True,  # chance hardly ever turns an object over
     motion="poke",
