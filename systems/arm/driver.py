@@ -15,7 +15,7 @@ from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
 from pinwm_drake.systems.arm.gate import CommandGate
 from pinwm_drake.systems.arm.messages import STATE_NAMES, ImageSender
-from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
+from pinwm_drake.systems.arm.model import ARMS, ArmModel, ArmName
 from pinwm_drake.systems.arm.plant import MakeArmPlant
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.lcm.messages import Tally, make_publisher
@@ -29,8 +29,6 @@ from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.view.scene import AddSceneView
 
 TIME_STEP = 0.0025  # s, of the plant
-# m/s^2: 8.6 rad/s^2 of joint A1, which the notes of Drake's model of the arm give, at half a metre.
-_MAX_ACCELERATION = 4.0
 _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
 _SUPERSAMPLING = 3
 _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
@@ -84,6 +82,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         setup: Setup,
         lcm: DrakeLcmInterface,
         *,
+        arm: ArmName = "iiwa",
         contact: ContactName = "hydroelastic",
         time_step: float = TIME_STEP,
         latency: float = 0.0,
@@ -93,22 +92,25 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         link = setup.scenario.lcm
         whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
         whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-        self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
+        self.setup, self.limits, self._lcm = setup, arm_limits(setup, arm), lcm
         self.tally, seal = Tally(), seal_of(link, driver=True)
         height = setup.scenario.start.pusher_height
-        self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
+        self.model = ArmModel(setup.twin.floor_height, height, arm)
+        self._height = None if _moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact)
+        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact, arm)
         parts = self._parts
         plant = parts.plant
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        stream, kinematics, joints = AddArmControl(builder, self.model, self.limits, link.period, self._height)
+        stream, measured, wanted = AddArmControl(
+            builder, self.model, self.limits, link.period, self._height, time_step
+        )
         builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
-        builder.Connect(plant.get_state_output_port(self._arm), kinematics.GetInputPort("robot_state"))
-        builder.Connect(joints.get_output_port(), plant.get_desired_state_input_port(self._arm))
+        builder.Connect(plant.get_state_output_port(self._arm), measured)
+        builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))
         gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed, self.tally, seal))
         for name in ("pusher_velocity_W", "command_time"):
             builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
@@ -168,8 +170,9 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
             place = start.draw(generator)
             if (np.array(self.limits.box_low) < place.p_WP).all() and (place.p_WP < self.limits.box_high).all():
                 return place
+        low, high = self.model.kind.reach_low, self.model.kind.reach_high
         raise ParameterError(
-            f"start: got places of the pusher beyond x and y of {REACH_LOW} to {REACH_HIGH} m; allowed: the arm's reach"
+            f"start: got places of the pusher beyond x and y of {low} to {high} m; allowed: the arm's reach"
         )
 
     def tool_pose(self, context: Context) -> RigidTransform:
@@ -178,20 +181,20 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._parts.pusher)
 
 
-def arm_limits(setup: Setup) -> SafetyLimits:
-    """Limits of the tool's motion: those of the scenario's pusher, where the arm reaches.
+def arm_limits(setup: Setup, arm: ArmName = "iiwa") -> SafetyLimits:
+    """Limits of the tool's motion: those of the scenario's pusher, where the arm reaches, and the arm's own.
 
     Raises:
         ParameterError: The arm reaches nothing of the pusher's box.
     """
-    pusher, height = setup.scenario.pusher, setup.scenario.start.pusher_height
-    low, high = np.maximum(pusher.low[:2], REACH_LOW), np.minimum(pusher.high[:2], REACH_HIGH)
+    pusher, height, kind = setup.scenario.pusher, setup.scenario.start.pusher_height, ARMS[arm]
+    low, high = np.maximum(pusher.low[:2], kind.reach_low), np.minimum(pusher.high[:2], kind.reach_high)
     heights = (pusher.low[2], pusher.high[2]) if _moves_up(setup) else (height - _HALF_HEIGHT, height + _HALF_HEIGHT)
     return SafetyLimits(
         box_low=(float(low[0]), float(low[1]), heights[0]),
         box_high=(float(high[0]), float(high[1]), heights[1]),
-        max_speed=pusher.max_speed,
-        max_acceleration=_MAX_ACCELERATION,
+        max_speed=min(pusher.max_speed, kind.max_speed),
+        max_acceleration=kind.max_acceleration,
         max_image_age=setup.scenario.lcm.timeout,
         max_command_age=setup.scenario.lcm.timeout,
     )
