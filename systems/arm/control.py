@@ -52,8 +52,9 @@ def AddArmControl(
     """
     stream = builder.AddNamedSystem("command_interpolator", CommandInterpolator(limits, period))
     if model.kind.swings:
-        tracker = builder.AddNamedSystem("joint_tracker", JointTracker(model, period, height, lead))
-        builder.Connect(stream.GetOutputPort("desired_state"), tracker.GetInputPort("desired_state"))
+        tracker = builder.AddNamedSystem("joint_tracker", JointTracker(model, limits, period, height, lead))
+        for name in ("desired_state", "wanted"):
+            builder.Connect(stream.GetOutputPort(name), tracker.GetInputPort(name))
         return stream, tracker.GetInputPort("robot_state"), tracker.get_output_port()
     pose = builder.AddNamedSystem("tool_pose", ToolPose(height))
     integrator = DifferentialInverseKinematicsIntegrator(

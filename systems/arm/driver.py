@@ -105,9 +105,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        stream, measured, wanted = AddArmControl(
-            builder, self.model, self.limits, link.period, self._height, time_step
-        )
+        stream, measured, wanted = AddArmControl(builder, self.model, self.limits, link.period, self._height, time_step)
         builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
         builder.Connect(plant.get_state_output_port(self._arm), measured)
         builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))

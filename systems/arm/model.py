@@ -68,13 +68,14 @@ ARMS: dict[ArmName, ArmKind] = {
     "panda": ArmKind(
         title="Franka Emika Panda",
         file="arm/panda.sdf",
-        behind=0.48,
+        behind=0.38,
         above=0.0,
-        guess=(0.0, -0.4, 0.0, -2.5, 0.0, 2.9, 0.0),
-        reach_low=(-0.3, -0.22),
-        reach_high=(0.3, 0.26),
-        max_speed=1.7,  # this and the next: of the tool, by the maker
-        max_acceleration=13.0,
+        guess=(0.0, -0.4, 0.0, -2.3, 0.0, 1.9, 0.0),
+        reach_low=(-0.26, -0.22),
+        reach_high=(0.26, 0.22),
+        max_speed=1.7,  # by the maker
+        # What the joints have in every direction; the maker allows the tool 13 m/s^2.
+        max_acceleration=7.0,
         swings=True,
     ),
 }
