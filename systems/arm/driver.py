@@ -14,7 +14,7 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
 from pinwm_drake.systems.arm.gate import CommandGate
-from pinwm_drake.systems.arm.messages import STATE_NAMES, ImageSender
+from pinwm_drake.systems.arm.messages import STATE_NAMES, AddPandaMessages, ImageSender
 from pinwm_drake.systems.arm.model import ARMS, ArmModel, ArmName
 from pinwm_drake.systems.arm.plant import MakeArmPlant
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
@@ -108,6 +108,8 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         stream, measured, wanted = AddArmControl(builder, self.model, self.limits, link.period, self._height, time_step)
         builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
         builder.Connect(plant.get_state_output_port(self._arm), measured)
+        if arm == "panda":
+            wanted = AddPandaMessages(builder, lcm, link.period, plant, self._arm, wanted)
         builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))
         gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed, self.tally, seal))
         for name in ("pusher_velocity_W", "command_time"):

@@ -17,7 +17,7 @@ _SHARE = 0.97  # of the joints' greatest speeds
 # Weights beside the tool's distance [m]: of its velocity at the end, the rod's tilt, the joints' distance from nominal
 # angles, and their accelerations.
 _VELOCITY, _TILT, _POSTURE, _EFFORT = 0.05, 0.03, 0.003, 1e-5  # s, m/rad, m/rad, m/(rad/s^2)
-_SCALE = 1e4  # of the cost, to numbers that the solver's tolerances are made for
+_SCALE, _TOLERANCE = 1e6, 1e-5  # of the cost, m^2 to numbers that suit the solver; its relative and absolute one
 _SIZE = _STEPS * JOINTS
 # Of the state.
 _Q, _V, _A, _TIME = slice(0, JOINTS), slice(JOINTS, 2 * JOINTS), slice(2 * JOINTS, 2 * JOINTS + _SIZE), -1
@@ -59,7 +59,8 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._low, self._high = plant.GetPositionLowerLimits() + _MARGIN, plant.GetPositionUpperLimits() - _MARGIN
         self._fastest, self._strongest = _SHARE * plant.GetVelocityUpperLimits(), plant.GetAccelerationUpperLimits()
         self._program, self._solver, self._options = MathematicalProgram(), OsqpSolver(), SolverOptions()
-        self._options.SetOption(OsqpSolver.id(), "polishing", 0)
+        for name, value in (("polishing", 0), ("eps_abs", _TOLERANCE), ("eps_rel", _TOLERANCE)):
+            self._options.SetOption(OsqpSolver.id(), name, value)
         self._unknowns = self._program.NewContinuousVariables(_SIZE)
         self._cost = self._program.AddQuadraticCost(np.eye(_SIZE), np.zeros(_SIZE), self._unknowns, is_convex=True)
         self._bounds = self._program.AddLinearConstraint(
