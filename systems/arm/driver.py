@@ -35,7 +35,7 @@ _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, wo
 
 
 class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
-    """Driver of a simulated KUKA LBR iiwa 14, which does over LCM what a robot's driver does.
+    """Driver of a simulated arm, which does over LCM what a robot's driver does.
 
                                                        ┌───────────┐
         link.command_channel  lcmt_drake_signal (6) ──►│ ArmDriver │─► link.state_channel  lcmt_drake_signal (10)
@@ -52,9 +52,13 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     Where they stop for longer than `link.timeout`, it slows down to rest and waits for a new session; so it does at a
     command that must not be: see `CommandGate`. The camera sees the arm as well: it hides what is behind it.
 
-    Measured with actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from where it is to be
-    at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and within 0.2 mm of its
-    height, in both contact models and with steps of 1 or 2.5 ms.
+    Measured with the IIWA and actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from
+    where it is to be at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and
+    within 0.2 mm of its height, in both contact models and with steps of 1 or 2.5 ms.
+
+    The rod of the Panda swings for speed: see `JointTracker`. Its tool has 7 m/s^2 and is 0.2 mm (rms) off at 0.2 m/s
+    and 5.4 mm at 1.25 m/s (`benchmarks.arm_tracking`). Its joints' commands and states are sent as `lcmt_panda_command`
+    and `lcmt_panda_status` as well: see `AddPandaMessages`.
 
     It can be simulated alone, or in a diagram beside a station. Object and tool are to be put into place with
     `SetPlace`.
@@ -62,6 +66,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     Args:
         setup: The scene; `setup.scenario.lcm` says which channels are used.
         lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
+        arm: Name of the arm, of `ARMS`.
         contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
         time_step: s, of the plant.
         latency: s, of the camera, from exposure to sending; rounded to periods of the link.
