@@ -25,14 +25,14 @@ PANDA = [
 ]
 
 
-@pytest.fixture(scope="module", params=ARMS)
-def model(request) -> ArmModel:
-    return ArmModel(0.0, HEIGHT, request.param)
+@pytest.fixture(scope="module")
+def models() -> dict[str, ArmModel]:
+    return {name: ArmModel(0.0, HEIGHT, name) for name in ARMS}
 
 
 @pytest.fixture(scope="module")
-def panda() -> ArmModel:
-    return ArmModel(0.0, HEIGHT, "panda")
+def panda(models) -> ArmModel:
+    return models["panda"]
 
 
 def origin(model: ArmModel, link: str, q: np.ndarray) -> np.ndarray:
@@ -41,8 +41,8 @@ def origin(model: ArmModel, link: str, q: np.ndarray) -> np.ndarray:
     return model.plant.GetFrameByName(link).CalcPoseInWorld(context).translation()
 
 
-def test_lengths_and_limits_of_the_data_sheet():
-    model = ArmModel(0.0, HEIGHT)
+def test_lengths_and_limits_of_the_data_sheet(models):
+    model = models["iiwa"]
     straight = np.zeros(7)
     heights = [origin(model, link, straight)[2] for link in ("base", "link_2", "link_4", "link_6", "rod", "tip")]
     assert np.allclose(np.diff(heights), [0.36, 0.42, 0.4, 0.126, 0.35], atol=1e-12)
@@ -92,10 +92,9 @@ def test_limits_of_the_panda(panda):
 
 @pytest.mark.parametrize("x", [-1, 0, 1])
 @pytest.mark.parametrize("y", [-1, 0, 1])
-@pytest.mark.parametrize("height", [0.014, HEIGHT, 0.2])
-def test_the_tool_reaches_its_box_with_the_rod_down(model, x, y, height):
-    if model.kind is ARMS["iiwa"] and height != HEIGHT:
-        pytest.skip("the IIWA works near the floor")
+@pytest.mark.parametrize(("arm", "height"), [("iiwa", HEIGHT), ("panda", 0.014), ("panda", HEIGHT), ("panda", 0.2)])
+def test_the_tool_reaches_its_box_with_the_rod_down(models, x, y, arm, height):
+    model = models[arm]
     low, high = np.array(model.kind.reach_low), np.array(model.kind.reach_high)
     x, y = 0.5 * (low + high) + 0.5 * (high - low) * [x, y]
     q = model.positions([x, y, height])
@@ -116,6 +115,7 @@ def test_the_tool_reaches_its_box_with_the_rod_down(model, x, y, height):
 
 
 @pytest.mark.parametrize("p_WP", [[0.3, 0.0, HEIGHT], [0.0, 0.0, 2.0]])
-def test_a_place_out_of_reach_is_refused(model, p_WP):
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_place_out_of_reach_is_refused(models, p_WP, arm):
     with pytest.raises(ParameterError, match="out of the arm's reach"):
-        model.positions(p_WP)
+        models[arm].positions(p_WP)
