@@ -24,6 +24,7 @@ contact, with the meshes in pieces/.
 In SDFormat every pair has friction 0.1. `systems/sdf/shipped.py` writes these files.
 
     arm/iiwa14.sdf        a KUKA LBR iiwa 14 with a rod, of cylinders; the numbers' sources stand in the file
+    arm/panda.sdf         a Franka Emika Panda with a rod, likewise
 """
 
 import difflib

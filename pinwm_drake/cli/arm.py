@@ -45,7 +45,14 @@ def arm(request: ArmRequest) -> None:
     setup = with_url(environment_setup(setup, EnvOptions(image_size=size)), request.lcm_url, request.key)
     page = make_meshcat(port=request.port) if request.meshcat else None
     lcm = make_lcm(setup.scenario.lcm)
-    driver = ArmDriver(setup, lcm, contact=contact_name(request.contact), latency=request.latency, meshcat=page)
+    driver = ArmDriver(
+        setup,
+        lcm,
+        arm=request.arm_model,
+        contact=contact_name(request.contact),
+        latency=request.latency,
+        meshcat=page,
+    )
     simulator = Simulator(driver)
     simulator.set_target_realtime_rate(1.0)
     context = simulator.get_mutable_context()

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pydrake.geometry import Meshcat
 
     from pinwm_drake.learning.safety import SafetyLimits
+    from pinwm_drake.systems.arm.model import ArmName
     from pinwm_drake.systems.control.loop import ControlLoop, ControlRow
     from pinwm_drake.systems.scenario.setup import Setup
 
@@ -72,6 +73,7 @@ def control(request: ControlRequest) -> None:
             engine,
             armed=armed,
             simulate_arm=request.simulate_arm,
+            arm=request.arm_model,
             contact=contact_name(request.contact),
             meshcat=page,
             recording=film is not None,
@@ -83,7 +85,8 @@ def control(request: ControlRequest) -> None:
         recording = nullcontext() if film is None or page is None else recorded(page, film)
         with recording:
             loop.begin(place)
-            _announce(console, armed, request.simulate_arm, engine, setup, found.limits)
+            arm = request.arm_model if request.simulate_arm else None
+            _announce(console, armed, arm, engine, setup, found.limits)
             last = _run(console, loop, request.duration, stop)
         if film is not None:
             _tell(console, stop, f"wrote {escape(str(film))}")
@@ -132,14 +135,14 @@ def _tell(console: Console, stop: Stop, line: str) -> None:
 
 
 def _announce(
-    console: Console, armed: bool, simulated: bool, engine: str, setup: "Setup", limits: "SafetyLimits"
+    console: Console, armed: bool, arm: "ArmName | None", engine: str, setup: "Setup", limits: "SafetyLimits"
 ) -> None:
     """Print the name of the controlled robot or engine, whether the pusher moves, its limits, and what it lacks."""
     from pinwm_drake.systems.arm.driver import arm_limits
 
     what = {True: "[bold]armed[/]: the pusher moves", False: "[bold]dry run[/]: nothing moves (--arm does)"}
-    where = "a simulated arm" if simulated else engine
-    if engine == "lcm" and not simulated:
+    where = "a simulated arm" if arm else engine
+    if engine == "lcm" and not arm:
         where = f"a robot at {escape(setup.scenario.lcm.url)}"
     console.print(f"{where}, {what[armed]}", highlight=False, soft_wrap=True)
     console.print(
@@ -148,13 +151,13 @@ def _announce(
         highlight=False,
         soft_wrap=True,
     )
-    if engine == "lcm" and not simulated:
+    if engine == "lcm" and not arm:
         key = setup.scenario.lcm.key_file
         if key is None:
             console.print(f"[yellow]{UNSIGNED}[/]", highlight=False, soft_wrap=True)
         else:
             console.print(f"messages are signed with the key in {escape(key)}", highlight=False, soft_wrap=True)
-    short = limits.shortfall(arm_limits(setup)) if simulated else ""
+    short = limits.shortfall(arm_limits(setup, arm)) if arm else ""
     if short:
         console.print(f"[yellow]the arm is slower than the policy was trained for[/]: {short}", highlight=False)
 

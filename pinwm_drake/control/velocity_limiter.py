@@ -51,8 +51,8 @@ class VelocityLimiter:
             before: (3,) m/s, of the last period.
             p_WP: (3,) m, where the pusher is.
         """
-        up = self._stoppable(self._high - p_WP)
-        down = -self._stoppable(p_WP - self._low)
+        up = stoppable(self._high - p_WP, self._braking, self._period)
+        down = -stoppable(p_WP - self._low, self._braking, self._period)
         least = np.clip(before, down, up)
         goal = np.clip(self.shortened(wanted), down, up)
         share = self._share(least - before, goal - least)
@@ -70,14 +70,6 @@ class VelocityLimiter:
             return v
         return np.asarray(v / largest * (self._speed / float(np.linalg.norm(v / largest))))
 
-    def _stoppable(self, distance: np.ndarray) -> np.ndarray:
-        """Largest speeds (3,) m/s with which a pusher stops within a distance (3,) m."""
-        reach = np.maximum(distance, 0.0) / self._period
-        d = self._braking
-        # n periods of v, v - d, ...: their sum is n v - d n (n - 1) / 2.
-        n = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * reach / d) - 1.0)), 1.0)
-        return np.asarray(reach / n + 0.5 * d * (n - 1.0))
-
     def _share(self, first: np.ndarray, way: np.ndarray) -> float:
         """Share, 0 to 1, of a change of velocity `way` (3,) m/s that may follow the change `first`."""
         if np.linalg.norm(first + way) <= self._change * (1.0 + _ROUNDING):
@@ -88,3 +80,17 @@ class VelocityLimiter:
         if room <= 0.0 or a == 0.0:
             return 0.0
         return min(max((math.sqrt(b * b + a * room) - b) / a, 0.0), 1.0)
+
+
+def stoppable(distance: np.ndarray, change: np.ndarray | float, period: float) -> np.ndarray:
+    """Largest speeds (n,) from which a motion that is sampled and held stops within distances.
+
+    Args:
+        distance: (n,) m, or rad; none is left where it is negative.
+        change: Change of speed that is possible from one period to the next, (n,) or one for all, m/s or rad/s.
+        period: s.
+    """
+    reach = np.maximum(distance, 0.0) / period
+    # n periods of v, v - d, ...: their sum is n v - d n (n - 1) / 2.
+    n = np.maximum(np.ceil(0.5 * (np.sqrt(1.0 + 8.0 * reach / change) - 1.0)), 1.0)
+    return np.asarray(reach / n + 0.5 * change * (n - 1.0))

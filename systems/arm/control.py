@@ -10,12 +10,13 @@ from pydrake.multibody.inverse_kinematics import (
 )
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import BodyIndex
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, InputPort, LeafSystem, OutputPort
 from pydrake.systems.primitives import StateInterpolatorWithDiscreteDerivative
 
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.interpolator import CommandInterpolator
 from pinwm_drake.systems.arm.model import JOINTS, ArmModel
+from pinwm_drake.systems.arm.tracker import JointTracker
 from pinwm_drake.systems.ports import declare_value, declare_vector
 
 _MARGIN = 0.02  # rad, kept from the limits of the joints
@@ -24,12 +25,16 @@ _CENTRING = 1.0  # 1/s, towards the nominal angles, in the one direction that th
 
 
 def AddArmControl(
-    builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float | None
-) -> tuple[CommandInterpolator, DifferentialInverseKinematicsIntegrator, StateInterpolatorWithDiscreteDerivative]:
+    builder: DiagramBuilder, model: ArmModel, limits: SafetyLimits, period: float, height: float | None, lead: float
+) -> tuple[CommandInterpolator, InputPort, OutputPort]:
     """Add the control of an arm, from commands to its joints' servos, to a diagram.
 
         velocity ─► CommandInterpolator ─► ToolPose ─► DifferentialInverseKinematicsIntegrator ─►
             ─► StateInterpolatorWithDiscreteDerivative ─► joints
+
+    or, of an arm whose rod may swing,
+
+        velocity ─► CommandInterpolator ─► JointTracker ─► joints
 
     All of it runs every `period`. It starts from the measured pose when a simulator is initialized.
 
@@ -39,12 +44,18 @@ def AddArmControl(
         limits: Limits of the tool's motion.
         period: s.
         height: m, world, that the tool keeps; None where commands move it up and down too.
+        lead: s, by which the joints' servos are late, for a JointTracker.
 
     Returns:
-        The first system, whose inputs are to be connected; the one whose input `robot_state` (14) is to have measured
-        angles [rad] and velocities [rad/s] of the joints; and the last, whose output (14) has those that are wanted.
+        The first system, whose inputs are to be connected; an input port that is to have measured angles [rad] and
+        velocities [rad/s] of the joints, (14); and an output port (14) with those that are wanted.
     """
     stream = builder.AddNamedSystem("command_interpolator", CommandInterpolator(limits, period))
+    if model.kind.swings:
+        tracker = builder.AddNamedSystem("joint_tracker", JointTracker(model, limits, period, height, lead))
+        for name in ("desired_state", "wanted"):
+            builder.Connect(stream.GetOutputPort(name), tracker.GetInputPort(name))
+        return stream, tracker.GetInputPort("robot_state"), tracker.get_output_port()
     pose = builder.AddNamedSystem("tool_pose", ToolPose(height))
     integrator = DifferentialInverseKinematicsIntegrator(
         model.plant, model.tool, period, _parameters(model), log_only_when_result_state_changes=True
@@ -55,7 +66,7 @@ def AddArmControl(
     builder.Connect(stream.GetOutputPort("desired_state"), pose.get_input_port())
     builder.Connect(pose.get_output_port(), kinematics.GetInputPort("X_AE_desired"))
     builder.Connect(kinematics.GetOutputPort("joint_positions"), joints.get_input_port())
-    return stream, kinematics, joints
+    return stream, kinematics.GetInputPort("robot_state"), joints.get_output_port()
 
 
 def _parameters(model: ArmModel) -> DifferentialInverseKinematicsParameters:

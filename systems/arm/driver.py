@@ -14,8 +14,8 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
 from pinwm_drake.systems.arm.gate import CommandGate
-from pinwm_drake.systems.arm.messages import STATE_NAMES, ImageSender
-from pinwm_drake.systems.arm.model import REACH_HIGH, REACH_LOW, ArmModel
+from pinwm_drake.systems.arm.messages import STATE_NAMES, AddPandaMessages, ImageSender
+from pinwm_drake.systems.arm.model import ARMS, ArmModel, ArmName
 from pinwm_drake.systems.arm.plant import MakeArmPlant
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.lcm.messages import Tally, make_publisher
@@ -29,15 +29,13 @@ from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.view.scene import AddSceneView
 
 TIME_STEP = 0.0025  # s, of the plant
-# m/s^2: 8.6 rad/s^2 of joint A1, which the notes of Drake's model of the arm give, at half a metre.
-_MAX_ACCELERATION = 4.0
 _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
 _SUPERSAMPLING = 3
 _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
 
 
 class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
-    """Driver of a simulated KUKA LBR iiwa 14, which does over LCM what a robot's driver does.
+    """Driver of a simulated arm, which does over LCM what a robot's driver does.
 
                                                        ┌───────────┐
         link.command_channel  lcmt_drake_signal (6) ──►│ ArmDriver │─► link.state_channel  lcmt_drake_signal (10)
@@ -54,9 +52,13 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     Where they stop for longer than `link.timeout`, it slows down to rest and waits for a new session; so it does at a
     command that must not be: see `CommandGate`. The camera sees the arm as well: it hides what is behind it.
 
-    Measured with actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from where it is to be
-    at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and within 0.2 mm of its
-    height, in both contact models and with steps of 1 or 2.5 ms.
+    Measured with the IIWA and actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from
+    where it is to be at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and
+    within 0.2 mm of its height, in both contact models and with steps of 1 or 2.5 ms.
+
+    The rod of the Panda swings for speed: see `JointTracker`. Its tool has 7 m/s^2 and is 0.2 mm (rms) off at 0.2 m/s
+    and 5.4 mm at 1.25 m/s (`benchmarks.arm_tracking`). Its joints' commands and states are sent as `lcmt_panda_command`
+    and `lcmt_panda_status` as well: see `AddPandaMessages`.
 
     It can be simulated alone, or in a diagram beside a station. Object and tool are to be put into place with
     `SetPlace`.
@@ -64,6 +66,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
     Args:
         setup: The scene; `setup.scenario.lcm` says which channels are used.
         lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
+        arm: Name of the arm, of `ARMS`.
         contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
         time_step: s, of the plant.
         latency: s, of the camera, from exposure to sending; rounded to periods of the link.
@@ -84,6 +87,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         setup: Setup,
         lcm: DrakeLcmInterface,
         *,
+        arm: ArmName = "iiwa",
         contact: ContactName = "hydroelastic",
         time_step: float = TIME_STEP,
         latency: float = 0.0,
@@ -93,22 +97,25 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         link = setup.scenario.lcm
         whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
         whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
-        self.setup, self.limits, self._lcm = setup, arm_limits(setup), lcm
+        self.setup, self.limits, self._lcm = setup, arm_limits(setup, arm), lcm
         self.tally, seal = Tally(), seal_of(link, driver=True)
         height = setup.scenario.start.pusher_height
-        self.model, self._height = ArmModel(setup.twin.floor_height, height), None if _moves_up(setup) else height
+        self.model = ArmModel(setup.twin.floor_height, height, arm)
+        self._height = None if _moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
-        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact)
+        self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact, arm)
         parts = self._parts
         plant = parts.plant
         tool = builder.AddNamedSystem("tool_state", ToolState(parts.pusher.index()))
         builder.Connect(plant.get_body_poses_output_port(), tool.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), tool.GetInputPort("body_velocities"))
-        stream, kinematics, joints = AddArmControl(builder, self.model, self.limits, link.period, self._height)
+        stream, measured, wanted = AddArmControl(builder, self.model, self.limits, link.period, self._height, time_step)
         builder.Connect(tool.get_output_port(), stream.GetInputPort("pusher_state"))
-        builder.Connect(plant.get_state_output_port(self._arm), kinematics.GetInputPort("robot_state"))
-        builder.Connect(joints.get_output_port(), plant.get_desired_state_input_port(self._arm))
+        builder.Connect(plant.get_state_output_port(self._arm), measured)
+        if arm == "panda":
+            wanted = AddPandaMessages(builder, lcm, link.period, plant, self._arm, wanted)
+        builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))
         gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed, self.tally, seal))
         for name in ("pusher_velocity_W", "command_time"):
             builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
@@ -168,8 +175,9 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
             place = start.draw(generator)
             if (np.array(self.limits.box_low) < place.p_WP).all() and (place.p_WP < self.limits.box_high).all():
                 return place
+        low, high = self.model.kind.reach_low, self.model.kind.reach_high
         raise ParameterError(
-            f"start: got places of the pusher beyond x and y of {REACH_LOW} to {REACH_HIGH} m; allowed: the arm's reach"
+            f"start: got places of the pusher beyond x and y of {low} to {high} m; allowed: the arm's reach"
         )
 
     def tool_pose(self, context: Context) -> RigidTransform:
@@ -178,20 +186,20 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         return plant.EvalBodyPoseInWorld(plant.GetMyContextFromRoot(context), self._parts.pusher)
 
 
-def arm_limits(setup: Setup) -> SafetyLimits:
-    """Limits of the tool's motion: those of the scenario's pusher, where the arm reaches.
+def arm_limits(setup: Setup, arm: ArmName = "iiwa") -> SafetyLimits:
+    """Limits of the tool's motion: those of the scenario's pusher, where the arm reaches, and the arm's own.
 
     Raises:
         ParameterError: The arm reaches nothing of the pusher's box.
     """
-    pusher, height = setup.scenario.pusher, setup.scenario.start.pusher_height
-    low, high = np.maximum(pusher.low[:2], REACH_LOW), np.minimum(pusher.high[:2], REACH_HIGH)
+    pusher, height, kind = setup.scenario.pusher, setup.scenario.start.pusher_height, ARMS[arm]
+    low, high = np.maximum(pusher.low[:2], kind.reach_low), np.minimum(pusher.high[:2], kind.reach_high)
     heights = (pusher.low[2], pusher.high[2]) if _moves_up(setup) else (height - _HALF_HEIGHT, height + _HALF_HEIGHT)
     return SafetyLimits(
         box_low=(float(low[0]), float(low[1]), heights[0]),
         box_high=(float(high[0]), float(high[1]), heights[1]),
-        max_speed=pusher.max_speed,
-        max_acceleration=_MAX_ACCELERATION,
+        max_speed=min(pusher.max_speed, kind.max_speed),
+        max_acceleration=kind.max_acceleration,
         max_image_age=setup.scenario.lcm.timeout,
         max_command_age=setup.scenario.lcm.timeout,
     )

@@ -11,7 +11,7 @@ from pinwm_drake.systems.ports import declare_vector, unowned
 from pinwm_drake.systems.sampling import require_positive
 
 RATE = 200.0  # Hz
-_P, _V, _STAMP, _CAME, _LIVE = slice(0, 3), slice(3, 6), 6, 7, 8
+_P, _V, _STAMP, _CAME, _LIVE, _WANTED = slice(0, 3), slice(3, 6), 6, 7, 8, slice(9, 12)
 _SHARE = 1e-6  # of a period, by which a time may be off
 
 
@@ -22,8 +22,8 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
                            last command ─────►│                     │─► desired_state  (6): p_WP [m], v_WP [m/s], W
         command_time  (1): another with every │ CommandInterpolator │   of the last sample
                            command       ────►│                     │─► live           (1): 1 while commands come, or 0
-        pusher_state  (6): measured p_WP [m], │                     │
-                           v_WP [m/s], W ────►│                     │
+        pusher_state  (6): measured p_WP [m], │                     │─► wanted         (3): v_WP [m/s] that it goes
+                           v_WP [m/s], W ────►│                     │   towards
                                               └─────────────────────┘   states: no direct feedthrough; updated every T
 
     The velocity goes towards the one commanded as fast as `VelocityLimiter` allows, and the position is its integral
@@ -61,7 +61,8 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, unowned(self, self._Update))
         held = {self.xd_ticket()}
         declare_vector(self, "desired_state", 6, lambda context: self._state(context)[:6], held)
-        declare_vector(self, "live", 1, lambda context: self._state(context)[_LIVE:], held)
+        declare_vector(self, "live", 1, lambda context: self._state(context)[[_LIVE]], held)
+        declare_vector(self, "wanted", 3, lambda context: self._state(context)[_WANTED], held)
 
     def _Begin(self, context: Context, values: DiscreteValues) -> None:
         p_WP = self._measured.Eval(context)[:3]
@@ -81,7 +82,7 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
         if live and np.isfinite(v_WP).all() and np.isfinite(measured).all():
             wanted = self._led(v_WP, p_WP - measured[:3])
         v_next = self._limiter.limit(wanted, held[_V], p_WP)
-        values.get_mutable_vector(self._held).SetFromVector([*p_WP, *v_next, stamp, came, float(live)])
+        values.get_mutable_vector(self._held).SetFromVector([*p_WP, *v_next, stamp, came, float(live), *wanted])
 
     def _led(self, v_WP: np.ndarray, lag: np.ndarray) -> np.ndarray:
         """Velocity (3,) m/s without the part along a lag (3,) m that is too long already."""
@@ -96,5 +97,5 @@ class CommandInterpolator(LeafSystem):  # type: ignore[misc]  # pydrake has no u
 
 
 def _at_rest(p_WP: np.ndarray, stamp: float) -> np.ndarray:
-    """State (9,) before any command: p_WP, v_WP, stamp, time of arrival, and flag: commands come."""
-    return np.array([*p_WP, 0.0, 0.0, 0.0, stamp, -np.inf, 0.0])
+    """State (12,) before any command: p_WP, v_WP, stamp, time of arrival, flag: commands come, and velocity wanted."""
+    return np.array([*p_WP, 0.0, 0.0, 0.0, stamp, -np.inf, 0.0, 0.0, 0.0, 0.0])

@@ -4,18 +4,32 @@
 import zlib
 
 import numpy as np
-from drake import lcmt_image, lcmt_image_array  # type: ignore[import-untyped]  # LCM's types
+from drake import (  # type: ignore[import-untyped]  # LCM's types
+    lcmt_image,
+    lcmt_image_array,
+    lcmt_panda_command,
+    lcmt_panda_status,
+)
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
-from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
+from pydrake.manipulation import PandaCommandReceiver, PandaCommandSender, PandaControlMode, PandaStatusSender
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import Context, DiagramBuilder, EventStatus, LeafSystem, OutputPort, State
+from pydrake.systems.lcm import LcmPublisherSystem
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 from pydrake.systems.sensors import ImageRgba8U
 
+from pinwm_drake.systems.arm.model import JOINTS
 from pinwm_drake.systems.engines.lcm.seal import Seal
 from pinwm_drake.systems.ports import unowned
 from pinwm_drake.systems.sampling import period_index, whole_multiple
 from pinwm_drake.systems.scenario.schema import LcmLink
 
 _NOISE = 1.0  # of 255 levels, rms
+_SELDOM = 4  # periods between statuses of a Panda, as the plant computes its torques anew for each
+# Not the names that a Panda's own driver listens to: nothing simulated is to move a robot.
+PANDA_COMMAND, PANDA_STATUS = "PINWM_PANDA_COMMAND", "PINWM_PANDA_STATUS"
 STATE_NAMES = ("px", "py", "pz", "vx", "vy", "vz", "session", "sequence", "mode", "fault")
 
 
@@ -96,3 +110,60 @@ def image_message(picture: np.ndarray, time: float) -> lcmt_image_array:
     message.header.utime = round(1e6 * time)
     message.num_images, message.images = 1, [image]
     return message
+
+
+def AddPandaMessages(
+    builder: DiagramBuilder,
+    lcm: DrakeLcmInterface,
+    period: float,
+    plant: MultibodyPlant,
+    arm: ModelInstanceIndex,
+    wanted: OutputPort,
+) -> OutputPort:
+    """Add the messages of a Panda's joints to a diagram; they go through `lcmt_panda_command`, as a driver takes it.
+
+    Commands and `lcmt_panda_status` are published on the channels `PANDA_COMMAND` and `PANDA_STATUS`, for whoever
+    watches.
+
+    Args:
+        builder: Builder of the diagram.
+        lcm: LCM that the messages go through.
+        period: s, of the commands that are published; statuses come every fourth.
+        plant: The plant.
+        arm: The Panda's model instance in it.
+        wanted: Port (14) of the angles [rad] and velocities [rad/s] that are wanted.
+
+    Returns:
+        An output port (14) with the same, as the commands have them.
+    """
+    mode = PandaControlMode.kPosition | PandaControlMode.kVelocity
+    sender = builder.AddNamedSystem("panda_command_sender", PandaCommandSender(JOINTS, mode))
+    receiver = builder.AddNamedSystem("panda_command_receiver", PandaCommandReceiver(JOINTS, mode))
+    status = builder.AddNamedSystem("panda_status_sender", PandaStatusSender(JOINTS))
+    targets, measured, both = (
+        Demultiplexer(2 * JOINTS, JOINTS),
+        Demultiplexer(2 * JOINTS, JOINTS),
+        Multiplexer([JOINTS] * 2),
+    )
+    for name, system in (("panda_targets", targets), ("panda_measured", measured), ("panda_commands", both)):
+        builder.AddNamedSystem(name, system)
+    builder.Connect(wanted, targets.get_input_port())
+    builder.Connect(plant.get_state_output_port(arm), measured.get_input_port())
+    builder.Connect(sender.get_output_port(), receiver.get_input_port(0))
+    builder.Connect(measured.get_output_port(0), receiver.GetInputPort("position_measured"))
+    torque = plant.get_net_actuation_output_port(arm)
+    for name in ("torque_commanded", "torque_measured"):
+        builder.Connect(torque, status.GetInputPort(name))
+    for number, name in enumerate(("position", "velocity")):
+        builder.Connect(targets.get_output_port(number), sender.GetInputPort(name))
+        builder.Connect(receiver.GetOutputPort(name), both.get_input_port(number))
+        builder.Connect(targets.get_output_port(number), status.GetInputPort(f"{name}_commanded"))
+        builder.Connect(measured.get_output_port(number), status.GetInputPort(f"{name}_measured"))
+    for channel, kind, source, every in (
+        (PANDA_COMMAND, lcmt_panda_command, sender, period),
+        (PANDA_STATUS, lcmt_panda_status, status, _SELDOM * period),
+    ):
+        publisher = LcmPublisherSystem.Make(channel, kind, lcm, every, use_cpp_serializer=True)
+        builder.AddNamedSystem(f"{channel.lower()}_publisher", publisher)
+        builder.Connect(source.get_output_port(), publisher.get_input_port())
+    return both.get_output_port()

@@ -17,6 +17,7 @@ from pinwm_drake.errors import StateError, require
 from pinwm_drake.learning.bundle import Bundle
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.driver import ArmDriver
+from pinwm_drake.systems.arm.model import ArmName
 from pinwm_drake.systems.control.controller import AddPolicyController
 from pinwm_drake.systems.engines.lcm.engine import LcmHandle
 from pinwm_drake.systems.engines.lcm.link import make_lcm
@@ -67,6 +68,7 @@ class ControlLoop:
         engine: Engine of the station: "twin", "hydroelastic", "point" or "lcm".
         armed: Flag: the pusher may move. Without, everything is computed and nothing is sent.
         simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
+        arm: Name of that arm, of `ARMS`.
         contact: Contact model of the simulated arm.
         meshcat: Shows the scene, the state and what the policy sees, if given; with "lcm", the simulated arm.
         recording: Flag: Meshcat keeps what was shown, for a recording.
@@ -91,6 +93,7 @@ class ControlLoop:
         *,
         armed: bool = False,
         simulate_arm: bool = False,
+        arm: ArmName = "iiwa",
         contact: ContactName = "hydroelastic",
         meshcat: Meshcat | None = None,
         recording: bool = False,
@@ -106,7 +109,7 @@ class ControlLoop:
             lcm = make_lcm(setup.scenario.lcm)
             self.station = make_station(setup, engine, lcm=lcm, armed=armed)
             if simulate_arm:
-                self.driver = builder.AddSystem(ArmDriver(setup, lcm, contact=contact, meshcat=meshcat))
+                self.driver = builder.AddSystem(ArmDriver(setup, lcm, arm=arm, contact=contact, meshcat=meshcat))
         else:
             self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)

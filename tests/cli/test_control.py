@@ -79,21 +79,31 @@ def test_a_simulated_arm(pinwm, bundle):
     assert set(places(output)) == {moved[0]}
 
 
+def test_a_simulated_panda(pinwm, bundle):
+    options = ("--arm-model", "panda", "--contact", "point", "--duration", "0.3")
+    code, output, errors = pinwm("control", bundle, "--arm", "--simulate-arm", *options)
+    assert (code, errors) == (0, "")
+    assert len(set(places(output))) > 1
+    code, _, errors = pinwm("control", bundle, "--arm", *options)
+    assert code == 1
+    assert "--arm-model: got panda; allowed: iiwa, but with --simulate-arm" in " ".join(errors.split())
+
+
 def robot_setup(key=None):
     return with_url(action_setup("push_t", image_size=SIZE), None, key)
 
 
-def announced(setup, *, simulated=False) -> str:
+def announced(setup, *, arm=None) -> str:
     written = io.StringIO()
     spec = policy_spec(setup, EnvOptions(frames=2, max_translation=0.02, max_steps=100), "rgb")
-    control._announce(Console(file=written, width=300), True, simulated, "lcm", setup, default_limits(spec))
+    control._announce(Console(file=written, width=300), True, arm, "lcm", setup, default_limits(spec))
     return written.getvalue()
 
 
 def test_without_a_key_it_says_once_that_any_process_can_move_the_robot(tmp_path):
     words = "any process on this host can send commands to the robot"
     assert announced(robot_setup()).count(words) == 1
-    assert words not in announced(robot_setup(), simulated=True)
+    assert words not in announced(robot_setup(), arm="panda")
     output = announced(robot_setup(tmp_path / "[a].key"))
     assert words not in output
     assert f"messages are signed with the key in {tmp_path}/[a].key\n" in output

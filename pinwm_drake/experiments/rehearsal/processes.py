@@ -18,6 +18,7 @@ import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 
 from pinwm_drake.experiments.rehearsal.faults import STALL, Disturb, kind_of
+from pinwm_drake.systems.arm.model import ArmName
 from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
 
@@ -41,7 +42,7 @@ def with_link(setup: Setup, link: LcmLink) -> Setup:
     return replace(setup, scenario=replace(setup.scenario, lcm=link))
 
 
-def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
+def run_arm(pipe: Connection, setup: Setup, latency: float, arm: ArmName) -> None:
     """Simulate the arm in real time until its pipe closes; a seed that comes through puts things into place anew.
 
     Args:
@@ -49,6 +50,7 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
             the present state of the object (13,) and the tool's speed [m/s].
         setup: The scene, with the link to the relay.
         latency: s, of the camera.
+        arm: Name of the arm, of `ARMS`.
     """
     from pydrake.systems.analysis import Simulator
 
@@ -56,7 +58,8 @@ def run_arm(pipe: Connection, setup: Setup, latency: float) -> None:
     from pinwm_drake.systems.engines.lcm.link import make_lcm
 
     _ignore_ctrl_c()
-    driver = ArmDriver(setup, make_lcm(setup.scenario.lcm), contact="point", time_step=_TIME_STEP, latency=latency)
+    lcm = make_lcm(setup.scenario.lcm)
+    driver = ArmDriver(setup, lcm, arm=arm, contact="point", time_step=_TIME_STEP, latency=latency)
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.SetPlace(context, driver.draw_place(np.random.default_rng(0)))

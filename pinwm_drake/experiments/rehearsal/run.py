@@ -194,7 +194,7 @@ def shortfall(request: RehearseRequest) -> str:
         InputError: Bundle or scene cannot be used.
     """
     bundle = _aimed(request)
-    return bundle.limits.shortfall(arm_limits(_scene(request, bundle)))
+    return bundle.limits.shortfall(arm_limits(_scene(request, bundle), request.arm_model))
 
 
 def scene_words(request: RehearseRequest) -> str:
@@ -298,7 +298,7 @@ def _parties(request: RehearseRequest, bundle: Bundle, scene: Setup) -> Iterator
         link = replace(setup.scenario.lcm, url=f"udpm://239.255.76.67:{request.port}?ttl=0", period=_PERIOD)
         context = multiprocessing.get_context("spawn")
         (arm, arm_end), (relay, relay_end) = context.Pipe(), context.Pipe()
-        robot = with_link(setup, robot_link(link)), request.latency
+        robot = with_link(setup, robot_link(link)), request.latency, request.arm_model
         for work, end, more in ((run_arm, arm_end, robot), (run_relay, relay_end, (link, os.getpid()))):
             process = context.Process(target=work, args=(end, *more), daemon=True)
             process.start()

@@ -10,6 +10,7 @@ from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, 
 
 StationEngine = Literal["twin", "hydroelastic", "point", "lcm"]
 Contact = Literal["hydroelastic", "point"]
+SimulatedArm = Annotated[Literal["iiwa", "panda"], option("Arm that is simulated.", group=LAB)]
 Bundle = Annotated[
     str, argument("Folder that `pinwm export` wrote, or the name of a bundle that ships.", "BUNDLE", completes="bundle")
 ]
@@ -104,6 +105,7 @@ class ControlRequest:
     arm: Annotated[bool, option("Move the pusher, or only show what the policy would do.", "--arm/--dry-run")] = False
     engine: Annotated[StationEngine, option("Simulation to control, or lcm for a robot.")] = "hydroelastic"
     simulate_arm: Annotated[bool, option("Simulate an arm behind LCM in this process; no robot is needed.")] = False
+    arm_model: SimulatedArm = "iiwa"
     goal: GoalPose = None
     force: Annotated[bool, option("Allow another object or pusher than in training.")] = False
     scene: Scene = None
@@ -132,6 +134,8 @@ class ControlRequest:
         robot = self.engine == "lcm" and not self.simulate_arm
         require("--lcm-url", self.lcm_url, self.lcm_url is None or robot, "none, but for a robot behind lcm")
         require("--key", self.key, self.key is None or self.station_engine == "lcm", "none, but with lcm")
+        simulated = self.simulate_arm or self.arm_model == "iiwa"
+        require("--arm-model", self.arm_model, simulated, "iiwa, but with --simulate-arm")
         require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
         require("--record", self.record, not (self.record and robot), "none for a robot, which can be filmed")
         require_suffix("--record", self.record, ".html", ".htm")
@@ -160,6 +164,7 @@ class ArmRequest:
     latency: Annotated[
         float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
     ] = 0.0
+    arm_model: SimulatedArm = "iiwa"
     contact: Annotated[Contact, option("Contact model of the arm; point takes half the time.", group=LAB)] = "point"
     lcm_url: LcmUrl = None
     key: Key = None
@@ -194,6 +199,7 @@ class RehearseRequest:
     latency: Annotated[
         float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
     ] = 0.0
+    arm_model: SimulatedArm = "iiwa"
     port: Annotated[
         int, option("Port of LCM on this machine; two rehearsals at once need two.", group=LAB, ge=1024, le=65535)
     ] = 7690
