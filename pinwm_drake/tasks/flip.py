@@ -63,7 +63,7 @@ class FlipTask(Task):
     axes: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     state_size: ClassVar[int] = 18
     max_steps: ClassVar[int] = 25
-    errors: ClassVar[tuple[float, ...]] = tuple(np.repeat([0.03, 0.06, 0.06, 0.25, 0.25, 0.03], 3).tolist())
+    errors: ClassVar[tuple[float, ...]] = tuple(np.repeat([0.03, 0.1, 0.1, 0.25, 0.25, 0.03], 3).tolist())
 
     up: tuple[float, float, float] = (0.0, 0.0, -1.0)
     side: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -147,11 +147,11 @@ class FlipTask(Task):
     def blurred(self, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """State as an estimate from images may have it, with larger errors in motion; see `Task.blurred`.
 
-        Standard deviations are `errors` where the speeds in their units sum up to 1 or more, and a fifth of these at
+        Standard deviations are `errors` where the speeds in their units sum up to 0.5 or more, and a third of these at
         rest.
         """
         motion = lengths(state[:, 9:12]) + lengths(state[:, 12:15])
-        error = noise * self.errors * np.clip(motion, 0.2, 1.0)[:, None]
+        error = noise * self.errors * np.clip(2.0 * motion, 1.0 / 3.0, 1.0)[:, None]
         error[:, 15:18] = -error[:, 0:3]  # the pusher is known
         found = state + error
         for part in (np.s_[:, 3:6], np.s_[:, 6:9]):

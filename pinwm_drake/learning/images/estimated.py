@@ -46,14 +46,14 @@ def estimation_loss(found: Tensor, state: Tensor, weights: Tensor | None = None)
 
 
 def error_weights(task: Task, history: int, device: torch.device) -> Tensor | None:
-    """Weights of a state's components, by the squares of the errors that are usual, the least of which have 1.
+    """Weights of a state's components, by the inverse of the errors that are usual, the least of which have 1.
 
     They are those of a state with those before the last actions; None where a task tells no errors.
     """
     if not task.errors:
         return None
     errors = np.array(task.errors)
-    weights = begun(((errors.min() / errors) ** 2)[None], task.action_size, history)[0]
+    weights = begun((errors.min() / errors)[None], task.action_size, history)[0]
     return torch.from_numpy(weights).to(device)
 
 
