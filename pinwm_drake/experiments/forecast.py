@@ -16,6 +16,7 @@ import torch
 from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.training import method_of, worlds_of
 from pinwm_drake.learning.distil import DistilOptions
+from pinwm_drake.learning.images.window import part_size
 from pinwm_drake.learning.method import MethodData
 from pinwm_drake.learning.pin_wm import Distillation, ImagePpo, StatePpo
 from pinwm_drake.learning.policy import Policy, make_actor, write_policy
@@ -160,5 +161,6 @@ def _kept(options: SacOptions | PpoOptions | DistilOptions, spec: PolicySpec, wo
         numbers = 2 * state + spec.action_size + 3
         return 4.0 * numbers * min(options.steps, options.buffer_size)
     if isinstance(options, DistilOptions):
+        height, width = part_size(spec)
         return 3.0 * height * width * min(options.rounds * options.round_images, options.keep)
     return 1.0 * options.n_steps * worlds * height * width * channels

@@ -31,6 +31,13 @@ def window_size(spec: PolicySpec) -> int | None:
     return side if side < min(camera.width, camera.height) else None
 
 
+def part_size(spec: PolicySpec) -> tuple[int, int]:
+    """Height and width [px] of what a student keeps of an image: a part where it sees them one by one; see `Window`."""
+    if not spec.history or spec.window is None:
+        return spec.camera.height, spec.camera.width
+    return spec.window + 2 * _BORDER, spec.window + 2 * _BORDER
+
+
 class Window(nn.Module):
     """Module from images (B, 3 k, height, width) to a window of them around the object, and to its place on the floor.
 

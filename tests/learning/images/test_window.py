@@ -8,7 +8,7 @@ import torch
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.learning.golden import TOLERANCE
-from pinwm_drake.learning.images.window import Window, window_size
+from pinwm_drake.learning.images.window import Window, part_size, window_size
 from pinwm_drake.learning.policy import make_actor, read_policy, write_policy
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks.flip import FlipTask
@@ -78,6 +78,8 @@ def test_the_window_of_a_part_is_that_of_the_image(at):
     window, image = Window(SPEC), dark_square(*at)[..., :3]
     part, corner = window.part(image)
     assert part.shape == (1, 24, 24, 3)
+    assert part_size(dataclasses.replace(SPEC, frames=3, history=2)) == (24, 24)
+    assert part_size(SPEC) == (48, 48)
     for found, expected in zip(window(part, corner), window(image), strict=True):
         torch.testing.assert_close(found, expected)
     nothing = torch.full((1, 48, 48, 3), 255, dtype=torch.uint8)
