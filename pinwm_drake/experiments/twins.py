@@ -160,11 +160,11 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
 
 
 def task_doubts(twin: Twin, pushes: Sequence[Episode]) -> list[str]:
-    """Sentences on frictions with which the tasks of these pushes, or pokes, are not known to be possible."""
-    upwards = any(float(np.ptp(push.trajectory.p_WP[:, 2])) > _UPWARDS for push in pushes)
+    """Sentences on frictions with which the tasks that are filmed by pokes are not known to be possible; of pokes."""
+    if all(float(np.ptp(push.trajectory.p_WP[:, 2])) <= _UPWARDS for push in pushes):
+        return []
     recipes = [recipe_of(name) for name in task_names()]
-    wanted = [one for one in recipes if one.motion == ("poke" if upwards else "push")]
-    return [doubt for one in wanted for doubt in one.doubts(known_ranges(twin))]
+    return [doubt for one in recipes if one.motion == "poke" for doubt in one.doubts(known_ranges(twin))]
 
 
 def has_surfels(folder: Path) -> bool:

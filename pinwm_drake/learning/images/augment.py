@@ -5,7 +5,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.learning.images.kernels import relight
+from pinwm_drake.rendering.kernels.light import relight
 
 _GROUPS = 8  # parts of a batch, each of which is moved alike: one image at a time takes longer than the network
 _LIGHTS = 3  # places along each side of an image that have a brightness of their own
