@@ -32,7 +32,7 @@ class Recipe:
         possible: Ranges of theta, by name, in which plans of this task have done it; empty where all was tried.
         image_size: px, size of the images of policies.
         history: Number of the last actions that policies see; 0 where PPO learns from images.
-        latency: s, least and largest delay of an action that policies are trained for, where no station tells its own.
+        latency: s, least and largest delay of an action that policies are trained for; with a station, its own counts.
         assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the
             pusher's box along the task's axes, where its observation is -1 and 1. It gives a torch module from a
             network's estimate (B, n) and the pusher (B, action_size) to the state (B, state_size), or None where the

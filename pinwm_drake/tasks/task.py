@@ -55,7 +55,8 @@ class Task(ABC):
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
         errors: (state_size,) standard deviations of estimates from images, of an object in motion: a teacher of the
-            state is trained with such errors (`blurred`), and a student's errors count in their units. Empty for none.
+            state is trained with such errors (`blurred`), and a student's errors count in their units. Each is more
+            than 0; empty for none.
     """
 
     name: ClassVar[str]

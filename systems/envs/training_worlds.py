@@ -129,7 +129,7 @@ class TrainingWorlds:
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": recipe.disturbance,
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
-            **({"blur": True} if setup.task.errors else {}),
+            **({"blur": list(setup.task.errors)} if setup.task.errors else {}),
             "latency": list(self.options.latency),
             **({"lag": list(self.options.lag)} if any(self.options.lag) else {}),
             "view": list(self.options.view),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Sampling-based model-predictive control of any task: sequences of actions are tried in the worlds of a twin.
+"""Sampling-based model-predictive control of any task: sequences of actions are tried in a twin and its cousins.
 
 Source: cross-entropy method with elites that are kept, noise that is correlated over time, and a warm start, after
     Pinneri et al., "Sample-efficient cross-entropy method for real-time planning" (iCEM, CoRL 2020).
@@ -38,8 +38,8 @@ class SamplingOptions:
         iterations: Number of rounds for each action that is carried out.
         first_iterations: Number of rounds for the first action of an episode.
         polish: Number of rounds after the first that found a success, at most.
-        cousins: Number of cousins of the twin in which a sequence is tried after that, the twin first; of these the
-            one that does best in all of them is carried out. 1 for the twin alone.
+        cousins: Number of models, the twin and cousins of it, in each of which a sequence is tried once one has
+            succeeded; fewer where too few sequences were left. 1 for the twin alone.
         delta: Relative half-width of the cousins' ranges.
         elites: Number of the best sequences, which the next round is drawn around.
         kept: Number of these that are tried again in the next round.
@@ -88,12 +88,12 @@ class SamplingOptions:
 
 @dataclass(frozen=True, eq=False)
 class ActionPlan:
-    """Sequence of actions with the return that the twin promises.
+    """Sequence of actions with the return that the twin promises, or the twin and its cousins.
 
     Attributes:
         actions: (horizon, n) in [-1, 1], the next one first.
-        value: Sum of its rewards in the twin, less the effort.
-        success: Flag: the twin ends it with success.
+        value: Sum of its rewards, less the effort; the mean where it was tried in several models.
+        success: Flag: it ends with success, in more than half of the models.
     """
 
     actions: np.ndarray
@@ -102,7 +102,7 @@ class ActionPlan:
 
 
 class SamplingMpc(MpcPolicy[ActionPlan]):
-    """Planner of a task by sequences of actions that are tried in the twin's worlds, and a policy.
+    """Planner of a task by sequences of actions that are tried in a twin and its cousins, and a policy.
 
     What it draws as a policy follows from its seed and the observation, so that an episode repeats in whatever world,
     after whatever others.
@@ -114,7 +114,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         options: Options of the search.
 
     Attributes:
-        worlds: The twin's worlds, one for each sample.
+        worlds: One world for each sample, in turn of the twin and of each cousin.
 
     Raises:
         InputError: A mesh cannot be used.
@@ -163,9 +163,10 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         p_WP: np.ndarray,
         last: ActionPlan | None = None,
     ) -> ActionPlan:
-        """Return a sequence of actions that succeeds in the twin, or the best that is found.
+        """Return a sequence of actions that succeeds in most of the models, or the best that is found.
 
-        It is the middle of the last round's good ones where that succeeds, which bears more than the best of them.
+        Once one has succeeded, each is tried in the twin and its cousins, and the mean of its values counts. The result
+        is the middle of the last round's good ones where that succeeds, which bears more than the best of them.
         A part of the first round's sequences are strokes at the object, where the task moves the pusher in space.
 
         Args:
@@ -188,7 +189,7 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
         best, middle, left = None, None, options.first_iterations if last is None else options.iterations
         tries = 1 if last is None or not last.success else self._tries
         while left > 0:
-            drawn = np.clip(mean + spread * self._noise(n)[::tries], -1.0, 1.0)
+            drawn = np.clip(mean + spread * self._noise(n)[::tries][: options.samples // tries], -1.0, 1.0)
             drawn[: len(kept)] = kept
             if best is not None:
                 drawn[-1] = mean
@@ -196,8 +197,10 @@ class SamplingMpc(MpcPolicy[ActionPlan]):
                 part = drawn[-round(_STROKES * len(drawn)) :]
                 strokes = self._strokes.draw(self._random, len(part), object_state, p_WP)
                 part[:] = strokes @ heading_turn(self.task, object_state, p_WP).T
-            found = self._values(np.repeat(drawn, tries, axis=0), object_state, p_WP)
-            values, shares = (one.reshape(-1, tries).mean(1) for one in found)
+            # Worlds that are left over try some once more, which does not count.
+            tried = np.resize(np.repeat(drawn, tries, axis=0), (options.samples, *drawn.shape[1:]))
+            found = self._values(tried, object_state, p_WP)
+            values, shares = (one[: tries * len(drawn)].reshape(-1, tries).mean(1) for one in found)
             if best is not None:
                 middle = ActionPlan(mean.copy(), float(values[-1]), bool(shares[-1] > 0.5))
             order = np.argsort(-values, kind="stable")[: options.elites]

@@ -53,7 +53,7 @@ class Augment:
             image = torch.cat([self._moved(group) for group in image.chunk(_GROUPS)])
         if self._gain > 0.0 or shade is not None:
             light = torch.ones(B, k, _LIGHTS, _LIGHTS) if shade is None else shade
-            changed = np.ascontiguousarray(image.numpy()).copy()
+            changed = np.array(image.numpy(), order="C")
             relight(changed, factors.numpy(), light.numpy())
             image = torch.from_numpy(changed)
         return image

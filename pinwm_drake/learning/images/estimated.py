@@ -21,6 +21,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
+from pinwm_drake.errors import require
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.weights import device_of
@@ -49,9 +50,14 @@ def error_weights(task: Task, history: int, device: torch.device) -> Tensor | No
     """Weights of a state's components, by the inverse of the errors that are usual, the least of which have 1.
 
     They are those of a state with those before the last actions; None where a task tells no errors.
+
+    Raises:
+        ParameterError: The task's errors are not as many as its state has components, or one is not more than 0.
     """
     if not task.errors:
         return None
+    known = len(task.errors) == task.state_size and all(error > 0.0 for error in task.errors)
+    require("task.errors", task.errors, known, f"{task.state_size} numbers, more than 0")
     errors = np.array(task.errors)
     weights = begun((errors.min() / errors)[None], task.action_size, history)[0]
     return torch.from_numpy(weights).to(device)

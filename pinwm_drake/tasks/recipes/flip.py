@@ -26,7 +26,7 @@ FLIP = Recipe(
     most_force=50.0,  # of an arm of a few kg; strokes that turn the mug over have 1 to 6
     # Where the strokes of docs/results/policies.md turn a mug over, of frictions of 0.05 to 0.5 and 0.3 to 1.2.
     possible={"friction_floor": (0.1, 0.5), "friction_pusher": (0.3, 1.2)},
-    image_size=128,  # an object in flight is seen to 2 mm and 3 degrees; with 64, to 5 mm and 8 degrees
+    image_size=128,  # an object in flight is seen to 4 mm and 6 degrees; with 64, to 5 mm and 8 degrees
     history=2,
     latency=(0.0, 0.12),
     assembly=_assembly,

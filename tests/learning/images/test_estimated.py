@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
@@ -111,7 +112,7 @@ def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
     assert isinstance(policy.actor, ImageActor)
 
 
-def test_errors_count_by_their_usual_size():
+def test_errors_count_by_their_usual_size(monkeypatch):
     task = FlipTask()
     weights = error_weights(task, 1, torch.device("cpu"))
     errors, actions = np.array(task.errors), np.zeros(3)
@@ -123,3 +124,7 @@ def test_errors_count_by_their_usual_size():
     loss = estimation_loss(state + usual, state, weights).item()
     assert loss == pytest.approx((each * usual).mean().item(), rel=1e-4)
     assert error_weights(PushTask(), 0, torch.device("cpu")) is None
+    for wrong in (task.errors[1:], (0.0, *task.errors[1:])):
+        monkeypatch.setattr(FlipTask, "errors", wrong)
+        with pytest.raises(ParameterError, match=r"task\.errors: got .*; allowed: 18 numbers, more than 0"):
+            error_weights(task, 1, torch.device("cpu"))

@@ -103,7 +103,7 @@ def test_the_tool_reaches_its_box_with_the_rod_down(models, x, y, arm, height):
     X_WP = model.tool.CalcPoseInWorld(context)
     assert np.abs(X_WP.translation() - [x, y, height]).max() < 1e-6
     # The solver keeps to the cosine of the angle, with its tolerance of 1e-8 or so.
-    assert np.abs(X_WP.rotation().matrix() - np.eye(3)).max() < 3e-4
+    assert np.abs(X_WP.rotation().matrix() - np.eye(3)).max() < (1e-4 if arm == "iiwa" else 3e-4)
     assert (q > model.plant.GetPositionLowerLimits() + 0.02).all()
     assert (q < model.plant.GetPositionUpperLimits() - 0.02).all()
     # Nowhere near a posture in which it could not move on: 0.35 m stand for 1 rad.

@@ -7,7 +7,7 @@ import pytest
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.systems.envs.env import TaskEnv
 from pinwm_drake.systems.envs.options import EnvOptions
-from pinwm_drake.systems.mpc.sampling import SamplingMpc, SamplingOptions
+from pinwm_drake.systems.mpc.sampling import ActionPlan, SamplingMpc, SamplingOptions
 from pinwm_drake.systems.scenario.load import load_setup
 
 COARSE = EnvOptions(time_step=1 / 480)
@@ -132,6 +132,21 @@ def test_of_plans_that_succeed_the_one_that_does_in_all_cousins_is_taken(cube, m
     assert len(tried) == 4  # one round that found a success, and three in all cousins
     np.testing.assert_array_equal(tried[1][:8], np.tile(tried[1][0], (8, 1, 1)))
     assert tried[1][0, 0, 0] > 0.0  # what succeeded at first is tried again
+
+
+def test_worlds_that_are_left_over_do_not_count(cube, monkeypatch):
+    planner = SamplingMpc(cube, options=SamplingOptions(samples=21, horizon=2, elites=2, kept=1, cousins=4))
+    sizes = []
+
+    def values(actions, object_state, p_WP):
+        sizes.append(len(actions))
+        worth = np.where(np.arange(21) < 20, actions[:, 0, 0], 1e3)
+        return worth, np.ones(21, bool)
+
+    monkeypatch.setattr(planner, "_values", values)
+    plan = planner.plan(np.full(13, np.nan), np.full(3, np.nan), ActionPlan(np.zeros((2, 3)), 0.0, True))
+    assert set(sizes) == {21}
+    assert plan.value == pytest.approx(plan.actions[0, 0])
 
 
 def test_the_worlds_of_a_planner_are_the_twin_and_its_cousins(cube):
