@@ -53,12 +53,11 @@ class DistilOptions(Options):
         shift: px, largest random shift of the images.
         gain: Relative half-width of the colours' random factors.
         mask: px, by which masks are too small or too large at the most, up to 1; see `Augment`.
-        shade: Largest share of brightness that images lose, where they are seen one by one; see `Augment`.
         episodes: Number of episodes in an evaluation.
     """
 
-    may_be_zero: ClassVar[tuple[str, ...]] = ("action_weight", "noise", "shift", "gain", "mask", "shade")
-    up_to_one: ClassVar[tuple[str, ...]] = ("mask", "shade")
+    may_be_zero: ClassVar[tuple[str, ...]] = ("action_weight", "noise", "shift", "gain", "mask")
+    up_to_one: ClassVar[tuple[str, ...]] = ("mask",)
 
     rounds: int = 5
     round_images: int = 24_576
@@ -71,7 +70,6 @@ class DistilOptions(Options):
     shift: int = 0
     gain: float = 0.2
     mask: float = 0.0
-    shade: float = 0.5
     episodes: int = 64
 
 
@@ -98,7 +96,7 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
         unpack(rounds.arrays, student, optimizer)
     for number in range(rounds.number):
         frames.add(Chunk.read(images / f"{number:04}.npz"))
-    augment = Augment(options.shift, options.gain, options.mask, options.shade if spec.history else 0.0)
+    augment = Augment(options.shift, options.gain, options.mask)
     while not rounds.ended(options.rounds):
         rounds.begin(env)
         generator = np.random.default_rng(np.random.randint(1 << 31))  # noqa: NPY002  # seeded by `begin`

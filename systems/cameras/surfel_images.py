@@ -4,8 +4,10 @@
 import numpy as np
 import torch
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from pinwm_drake.rendering.camera import Camera
+from pinwm_drake.rendering.kernels.light import light_surfels
 from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.rendering.render import Rendering, narrow_disc, narrow_width, render
 from pinwm_drake.rendering.surfels import Surfels
@@ -15,6 +17,7 @@ _NEAR = 1e-3  # m
 # Alpha of surfels that is enough to tell their colour. The outline is the mesh's: with 0.5 here, 6 % of a small image's
 # outline was missing at corners (IoU 0.93; 0.98 with 0.1).
 _LEAST = 0.1
+EVEN = np.array([1.0, 0.0, 0.0, 0.0])  # light that leaves colours as they are
 _NOTHING = 0x00FFFFFF  # white, alpha 0, as the bytes of a little-endian number
 
 
@@ -34,8 +37,12 @@ class WorldImages:
         self.surfels, self.camera, self._width = surfels, camera, narrow_width(surfels)
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
         self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)
+        self._p_OS = np.ascontiguousarray(surfels.p_OS.numpy(), np.float32)
+        self._n_OS = Rotation.from_quat(surfels.q_OS.numpy(), scalar_first=True).as_matrix()[..., 2].astype(np.float32)
 
-    def take(self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray) -> np.ndarray:
+    def take(
+        self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray, lights: np.ndarray
+    ) -> np.ndarray:
         """Take the pictures of W worlds.
 
         Args:
@@ -43,6 +50,7 @@ class WorldImages:
             p_WP: (W, 3) m, positions of the pushers, world.
             sh: (N, K, 3), or (W, N, K, 3) where worlds differ: the surfels' harmonics.
             X_CW: (W, 7), of the cameras, OpenCV axes: q_CW wxyz, p_CW [m].
+            lights: (W, 4), a and g, world axes: a surfel with normal n keeps a share a + g n of its colour.
 
         Returns:
             (W, height, width, 4) uint8, sRGB and alpha: 255 where the object is seen and the pusher does not hide it,
@@ -52,10 +60,23 @@ class WorldImages:
         q_CO = _product(q_CW, object_state[:, :4])
         p_CO = _turned(q_CW, object_state[:, None, 4:7])[:, 0] + p_CW
         X_CO = Pose(torch.from_numpy(q_CO), torch.from_numpy(p_CO))
+        if (lights != EVEN).any():
+            sh = self._lit(sh, q_CO, p_CO, object_state[:, :4], lights)
         surfels = Surfels(self.surfels.p_OS, self.surfels.q_OS, self.surfels.log_scale, self.surfels.logit_opacity, sh)
         disc = narrow_disc(self._width, self.camera, X_CO.p[:, 2])
         image = render(surfels, self.camera, X_CO, full=False, disc=disc)
         return cut_out(image, (image.alpha.numpy() >= _LEAST) & self._visible(q_CO, p_CO, p_WP, X_CW))
+
+    def _lit(
+        self, sh: torch.Tensor, q_CO: np.ndarray, p_CO: np.ndarray, q_WO: np.ndarray, lights: np.ndarray
+    ) -> torch.Tensor:
+        """Harmonics (W, N, K, 3) of the surfels in lights (W, 4), world axes, whose objects have orientations q_WO."""
+        given = sh.numpy()[None] if sh.ndim == 3 else sh.numpy()
+        lit = np.empty((len(lights), *given.shape[1:]), np.float32)
+        lights_O = np.concatenate([lights[:, :1], _turned_back(q_WO, lights[:, 1:])], axis=1, dtype=np.float32)
+        eyes = -_turned_back(q_CO, p_CO).astype(np.float32)
+        light_surfels(given, self._p_OS, self._n_OS, eyes, lights_O, lit, 0, len(lights))
+        return torch.from_numpy(lit)
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray, X_CW: np.ndarray) -> np.ndarray:
         """Mask (W, height, width) of the object's mesh where the pusher does not stand before it.
@@ -107,3 +128,8 @@ def _turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     R[:, 0, 2], R[:, 2, 0] = 2 * (x * z - w * y), 2 * (x * z + w * y)
     R[:, 1, 2], R[:, 2, 1] = 2 * (y * z + w * x), 2 * (y * z - w * x)
     return np.asarray(v @ R)
+
+
+def _turned_back(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Vectors v (W, 3), each turned by the inverse of its quaternion of q (W, 4)."""
+    return _turned(q * [1.0, -1.0, -1.0, -1.0], v[:, None])[:, 0]

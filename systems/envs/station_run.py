@@ -99,8 +99,13 @@ class StationRun:
         model = self._world_model
         model.SetCamera(model.GetMyMutableContextFromRoot(self._context), X_WC)
 
+    def set_light(self, light: np.ndarray, world: int) -> None:
+        """Set the light (4,) of one of the twin's worlds; see `WorldModel.SetLight`."""
+        model = self._world_model
+        model.SetLight(model.GetMyMutableContextFromRoot(self._context), light, world)
+
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that changes in the twin's worlds, for `set_state`: motion, theta, colours, cameras, actions."""
+        """What changes in the twin's worlds, for `set_state`: motion, theta, colours, cameras, lights, actions."""
         model, groups = self._world_model, range(len(self._begin))
         states = {f"discrete.{group}": self._context.get_discrete_state(group).value().copy() for group in groups}
         mine = model.GetMyContextFromRoot(self._context)

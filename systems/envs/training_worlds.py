@@ -129,6 +129,7 @@ class TrainingWorlds:
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": recipe.disturbance,
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
+            **({"light": recipe.light} if recipe.light else {}),
             **({"blur": list(setup.task.errors)} if setup.task.errors else {}),
             "latency": list(self.options.latency),
             **({"lag": list(self.options.lag)} if any(self.options.lag) else {}),
@@ -147,7 +148,7 @@ class TrainingWorlds:
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
         worlds, recipe = env.worlds, recipe_of(task)
         worlds.waypoints, worlds.disturbance, worlds.most_force = self.waypoints, recipe.disturbance, recipe.most_force
-        worlds.blur = observation == "state"
+        worlds.blur, worlds.light = observation == "state", recipe.light
         return env
 
     def worlds(self, observation: Kind) -> VecEnv:

@@ -86,6 +86,8 @@ class Worlds:
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         blur: Flag: the states that are seen have errors, as estimates from images have: `Task.blurred`. False at first.
+        light: Largest share of its colour that a side of the object loses in the light of an episode, and all of the
+            object once more; 0, for the light that the twin was filmed in, at first.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
             None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
@@ -118,7 +120,7 @@ class Worlds:
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self.most_force: float | None = None
-        self.blur = False
+        self.blur, self.light = False, 0.0
         horizon = self.setup.scenario.pusher.horizon
         self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag)
         if any(options.view):
@@ -179,6 +181,8 @@ class Worlds:
             if self.domain is not None and (domain := self.domain(world)) is not None:
                 self.run.set_domain(domain, world, colours=self._observer.needs_images)
             generator, given = self._random[world], options[world] if options else None
+            if self.light and self._observer.needs_images:
+                self.run.set_light(_drawn_light(generator, self.light), world)
             row = None
             if not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
@@ -360,6 +364,13 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
         "angle": float(progress.angle[world]),
         "success": bool(progress.success[world]),
     }
+
+
+def _drawn_light(generator: np.random.Generator, most: float) -> np.ndarray:
+    """Light (4,) whose darkest side has a share less of colours, up to `most`, and all of it another share less."""
+    whole, side = 1.0 - most * generator.random(2)
+    way = generator.standard_normal(3)
+    return whole * np.array([0.5 * (1.0 + side), *(0.5 * (1.0 - side) * way / np.linalg.norm(way))])
 
 
 def _chosen_place(drawn: Place, options: dict[str, Any] | None) -> Place:

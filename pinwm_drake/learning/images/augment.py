@@ -1,23 +1,19 @@
 # SPDX-License-Identifier: MIT
 """Random changes of images that leave what they show as it is, so that a network does not count on exact pixels."""
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from pinwm_drake.rendering.kernels.light import relight
-
 _GROUPS = 8  # parts of a batch, each of which is moved alike: one image at a time takes longer than the network
-_LIGHTS = 3  # places along each side of an image that have a brightness of their own
 
 
 class Augment:
-    """Moves images, changes their colours and light and frays their outlines at random; the background stays white.
+    """Moves images, changes their colours and frays their outlines at random; the background stays white.
 
     Source: the shift is that of Yarats, Kostrikov and Fergus, "Image augmentation is all you need" (ICLR 2021).
     """
 
-    def __init__(self, shift: int, gain: float, mask: float = 0.0, shade: float = 0.0) -> None:
+    def __init__(self, shift: int, gain: float, mask: float = 0.0) -> None:
         """Keep the ranges of the changes.
 
         Args:
@@ -25,16 +21,14 @@ class Augment:
             gain: Relative half-width of a factor for each of red, green and blue, alike in all frames of a stack.
             mask: px, by which masks are too small or too large at the most, up to 1: as a share of the pixels along the
                 outline. A stack draws its own share and what is behind the object; a frame differs by up to a third.
-            shade: Largest share of its brightness that an image loses, and a place in it once more, up to 1; each frame
-                draws its own.
         """
-        self._shift, self._gain, self._mask, self._shade = shift, gain, mask, shade
+        self._shift, self._gain, self._mask = shift, gain, mask
 
     def __call__(self, image: Tensor) -> Tensor:
         """Return changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch draws.
 
         Args:
-            image: (B, height, width, 3 k) uint8, RGB, on the CPU.
+            image: (B, height, width, 3 k) uint8, RGB.
         """
         dark: Tensor = self.as_images(image).permute(0, 3, 1, 2).to(torch.float32, copy=True).sub_(255.0).div_(-255.0)
         return dark
@@ -43,19 +37,13 @@ class Augment:
         """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         B, k = len(image), image.shape[3] // 3
         factors = 1.0 + self._gain * (2.0 * torch.rand(B, 3) - 1.0)
-        shade = None
-        if self._shade > 0.0:
-            whole, places = torch.rand(B, k, 1, 1), torch.rand(B, k, _LIGHTS, _LIGHTS)
-            shade = (1.0 - self._shade * whole) * (1.0 - self._shade * places)
         if self._mask > 0.0:
             image = self._frayed(image)
         if self._shift > 0:
             image = torch.cat([self._moved(group) for group in image.chunk(_GROUPS)])
-        if self._gain > 0.0 or shade is not None:
-            light = torch.ones(B, k, _LIGHTS, _LIGHTS) if shade is None else shade
-            changed = np.array(image.numpy(), order="C")
-            relight(changed, factors.numpy(), light.numpy())
-            image = torch.from_numpy(changed)
+        if self._gain > 0.0:
+            dark = image.to(torch.float32).sub_(255.0).mul_(factors.repeat(1, k).to(image.device)[:, None, None])
+            image = dark.add_(255.5).clamp_(0.0, 255.0).to(torch.uint8)
         return image
 
     def _frayed(self, image: Tensor) -> Tensor:

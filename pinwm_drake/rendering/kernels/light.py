@@ -1,35 +1,37 @@
 # SPDX-License-Identifier: MIT
-"""Light on images (numba)."""
-
-import numpy as np
+"""Light on surfels (numba)."""
 
 from pinwm_drake.jit import entry_point
+from pinwm_drake.rendering.kernels.columns import HALF, ONE, ZERO
+from pinwm_drake.rendering.kernels.harmonics import Y0
+
+_OFFSET = HALF / Y0  # in the first harmonic, what a colour has beside the sum of its harmonics
 
 
 @entry_point
-def relight(image, factors, shade):
-    """Change what images (B, height, width, 3 k) uint8 show, in place: brightness by place, then darkness by channel.
+def light_surfels(sh, p_OS, n_OS, eyes, lights, lit, first, last):
+    """Write the harmonics of surfels in a light, for views first..last-1: each keeps a share a + g n of its colour.
 
-    `factors` is (B, 3); `shade` (B, k, s, s) has the brightness from corner to corner, and is linear between.
+    The normal n is on the side of the camera; a share is at least 0.
+
+    Args:
+        sh: (1 or V, N, K, 3).
+        p_OS, n_OS: (N, 3), centres and unit normals, frame O.
+        eyes: (V, 3), places of the cameras, frame O.
+        lights: (V, 4), a, and g in frame O.
+        lit: (V, N, K, 3), receives the harmonics.
+        first, last: range of the views.
     """
-    height, width, last = image.shape[1], image.shape[2], shade.shape[2] - 1
-    for b in range(image.shape[0]):
-        for row in range(height):
-            y = row * last / max(height - 1, 1)
-            top = min(int(y), last - 1)
-            y -= top
-            for column in range(width):
-                x = column * last / max(width - 1, 1)
-                left = min(int(x), last - 1)
-                x -= left
-                for k in range(shade.shape[1]):
-                    pixel = image[b, row, column, 3 * k : 3 * k + 3]
-                    if pixel[0] & pixel[1] & pixel[2] == 255:
-                        continue
-                    four = shade[b, k, top : top + 2, left : left + 2]
-                    upper = four[0, 0] + x * (four[0, 1] - four[0, 0])
-                    lower = four[1, 0] + x * (four[1, 1] - four[1, 0])
-                    light = upper + y * (lower - upper)
-                    for c in range(3):
-                        value = 255.0 - factors[b, c] * (255.0 - light * pixel[c])
-                        pixel[c] = np.uint8(min(max(value, 0.0), 255.0) + 0.5)
+    for v in range(first, last):
+        own = v if sh.shape[0] > 1 else 0
+        a, gx, gy, gz = lights[v, 0], lights[v, 1], lights[v, 2], lights[v, 3]
+        for s in range(sh.shape[1]):
+            nx, ny, nz = n_OS[s, 0], n_OS[s, 1], n_OS[s, 2]
+            away = nx * (eyes[v, 0] - p_OS[s, 0]) + ny * (eyes[v, 1] - p_OS[s, 1]) + nz * (eyes[v, 2] - p_OS[s, 2])
+            toward = gx * nx + gy * ny + gz * nz
+            share = max(a - toward if away < ZERO else a + toward, ZERO)
+            for k in range(sh.shape[2]):
+                for c in range(3):
+                    lit[v, s, k, c] = share * sh[own, s, k, c]
+            for c in range(3):
+                lit[v, s, 0, c] += (share - ONE) * _OFFSET

@@ -14,7 +14,7 @@ from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.errors import ParameterError, StateError, require
 from pinwm_drake.physics.model import FLOOR
 from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.systems.cameras.surfel_images import WorldImages
+from pinwm_drake.systems.cameras.surfel_images import EVEN, WorldImages
 from pinwm_drake.systems.engines.engine import FLOOR_PAIR, PUSHER_PAIR, ContactForces
 from pinwm_drake.systems.engines.twin.physics import WorldPhysics
 from pinwm_drake.systems.ports import declare_cache, declare_image, declare_value, declare_vector, unowned
@@ -43,7 +43,8 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
     Theta and the colours of the surfels are parameters of the Context, so that a cousin is a Context: numeric ones
     `mass` (W) [kg], `inertia` (9 W) [kg m^2], about the centre of mass, `friction` and `restitution` (2 W; floor,
     pusher), `center` (3 W) [m], `spread` (3 W) and `offset` (2 W) [m] of `Parameters`, and an abstract one, the
-    spherical harmonics (N, K, 3) or (W, N, K, 3). So are the poses of the cameras (7 W), q_CW wxyz and p_CW [m].
+    spherical harmonics (N, K, 3) or (W, N, K, 3). So are the poses of the cameras (7 W), q_CW wxyz and p_CW [m], and
+    the lights (4 W); see `SetLight`.
     Everything that changes is in the Context: a clone, or a copy of state and parameters, goes on bit by bit as the
     original does.
 
@@ -68,6 +69,7 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         self._shapes = [values.shape for values in nominal.tensors()]
         self._theta = [self.DeclareNumericParameter(BasicVector(values)) for values in numbers]
         self._cameras = self.DeclareNumericParameter(BasicVector(np.tile(_numbers(setup.X_WC.inverse()), W)))
+        self._lights = self.DeclareNumericParameter(BasicVector(np.tile(EVEN, W)))
         self._sh = self.DeclareAbstractParameter(AbstractValue.Make(twin.surfels.sh))
         place = StartDistribution(setup).middle()
         self._object = self.DeclareDiscreteState(np.tile(rest_state(place.X_WO), W))
@@ -186,6 +188,23 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         values[worlds] = _numbers(X_WC.inverse())
         vector.SetFromVector(values.ravel())
 
+    def SetLight(self, context: Context, light: np.ndarray, world: int | None = None) -> None:
+        """Set the light of one world or all: a, and g, world axes (4,).
+
+        A surfel with the unit normal n, on the side of the camera, is seen with a share a + g n of its colour. By
+        Lambert's law g is along the way to a lamp, or to the brighter side of a room. (1, 0, 0, 0) leaves colours as
+        they are, in the light that they were filmed in.
+
+        Raises:
+            StateError: There is no such world, or a number is not finite.
+        """
+        worlds, vector = self._worlds(world), context.get_mutable_numeric_parameter(self._lights)
+        if not np.isfinite(light).all():
+            raise StateError(f"light: got {np.asarray(light).tolist()}; allowed: 4 finite numbers")
+        values = vector.CopyToVector().reshape(self.num_worlds, 4)
+        values[worlds] = light
+        vector.SetFromVector(values.ravel())
+
     def TakePictures(self, context: Context, worlds: np.ndarray) -> np.ndarray:
         """Pictures of some worlds (m,) int, as the ports have them: (m, height, width, 4) uint8; not kept."""
         state, p_WP = self._state(context)
@@ -193,7 +212,8 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         if sh.ndim == 4 and len(worlds) < self.num_worlds:
             sh = torch.from_numpy(sh.numpy()[worlds])  # torch would wake all its threads for it
         X_CW = context.get_numeric_parameter(self._cameras).value().reshape(self.num_worlds, 7)
-        return self._images.take(state[worlds], p_WP[worlds], sh, X_CW[worlds])
+        lights = context.get_numeric_parameter(self._lights).value().reshape(self.num_worlds, 4)
+        return self._images.take(state[worlds], p_WP[worlds], sh, X_CW[worlds], lights[worlds])
 
     def _worlds(self, world: int | None) -> slice:
         if world is None:

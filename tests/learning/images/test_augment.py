@@ -50,22 +50,6 @@ def test_as_images_they_are_what_is_darkened_in_a_call():
     assert (images[:, 0] == 255).all()
 
 
-def test_shade_takes_brightness_from_what_is_shown_in_each_frame_its_own_and_white_stays_white():
-    torch.manual_seed(0)
-    augment = Augment(0, 0.0, shade=0.6)
-    image = picture(300)
-    image[:, 2:7, 2:7] = 200
-    changed = augment(image)
-    bright = (1.0 - changed[:, :, 2:7, 2:7]) * 255 / 200
-    assert 0.155 <= bright.min() < 0.3
-    assert 0.9 < bright.max() <= 1.003
-    assert torch.equal(bright[:, 0], bright[:, 1])  # red and green
-    assert (bright[:, 0] - bright[:, 3]).abs().mean() > 0.05  # the other frame
-    assert (bright[:, 0, 0, 0] - bright[:, 0, 4, 4]).abs().mean() > 0.05  # from side to side
-    changed[:, :, 2:7, 2:7] = 0.0
-    assert not changed.any()
-
-
 def square(batch=400, frames=2):
     """A square of 20 px in each of some frames, on white."""
     image = torch.full((batch, 40, 40, 3 * frames), 255, dtype=torch.uint8)

@@ -193,6 +193,24 @@ def test_an_episode_in_which_the_pusher_pinches_the_object_has_failed():
     assert not out.progress.success.any()
 
 
+def test_images_in_a_training_of_flips_have_a_light_of_their_own_in_each_episode_that_a_resumed_one_keeps():
+    worlds = TrainingWorlds("flip_cube", training_options(image_size=48), num_worlds=3, domains=CousinDomains(0.0))
+    env = worlds.task_worlds("rgb_state")
+    env.seed(0)
+    env.set_options({"place": StartDistribution(env.worlds.setup).middle()})
+    first = env.reset()["image"].astype(float)
+    shown = (first < 250.0).all(0)
+    assert np.ptp(first[:, shown].mean(1)) > 10.0  # cubes of one colour in one place
+    kept = env.worlds.get_state()
+    other = worlds.task_worlds("rgb_state")
+    other.reset()
+    other.worlds.set_state(kept)
+    np.testing.assert_array_equal(other.worlds.run.images(), env.worlds.run.images())
+    assert worlds.about["light"] == 0.6
+    assert "light" not in TrainingWorlds("push_t", num_worlds=1).about
+    assert Worlds("flip_cube", "twin", 1).light == 0.0
+
+
 def test_teachers_see_states_with_errors_that_grow_with_motion_and_policies_in_evaluations_do_not():
     worlds = TrainingWorlds("flip_cube", training_options(history=1), num_worlds=200, domains=CousinDomains(0.0))
     env, plain = worlds.worlds("state").worlds, Worlds(worlds.setup, "twin", 200, worlds.options)

@@ -190,6 +190,32 @@ def test_a_world_has_a_camera_of_its_own():
         world.SetCamera(context, X_WC, 2)
 
 
+def test_a_light_from_above_shows_the_upper_side_alone_and_turns_not_with_the_object():
+    world = WorldModel(setup_of(2))
+    context = pushed(world)
+    usual = world.GetOutputPort("rgb_batch").Eval(context)[..., :3].astype(float)
+    world.SetLight(context, [0.0, 0.0, 0.0, 1.0], 1)
+    plain, lit = world.GetOutputPort("rgb_batch").Eval(context)[..., :3].astype(float)
+    np.testing.assert_array_equal(plain, usual[0])
+    shown = usual[1].min(2) < 255
+    share = lit[shown].sum(1) / np.maximum(usual[1][shown].sum(1), 1.0)
+    assert 0.3 < (share > 0.95).mean() < 0.95  # the upper side
+    assert (share < 0.1).mean() > 0.03  # the sides
+    over = RigidTransform(RollPitchYaw(np.pi, 0.0, 0.0), [0.0, 0.0, 0.1])
+    states = [rest_state(over)] * 2
+    world.SetState(context, np.array(states), np.full((2, 3), 0.3))
+    plain, lit = world.GetOutputPort("rgb_batch").Eval(context)[..., :3].astype(float)
+    shown = plain.min(2) < 255
+    share = lit[shown].sum(1) / np.maximum(plain[shown].sum(1), 1.0)
+    assert 0.3 < (share > 0.95).mean() < 0.95
+    world.SetLight(context, [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(world.GetOutputPort("rgb_batch").Eval(context)[1, ..., :3], plain)
+    with pytest.raises(StateError, match="world"):
+        world.SetLight(context, np.ones(4), 2)
+    with pytest.raises(StateError, match=r"light: got .*nan.*; allowed: 4 finite numbers"):
+        world.SetLight(context, [np.nan, 0.0, 0.0, 0.0])
+
+
 def test_images_are_rendered_only_when_asked_for_and_once(one, monkeypatch):
     taken = []
     take = WorldImages.take
