@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Tracking of a tool's next 0.1 s within the limits of the joints, with a rod that may swing for speed."""
 
+import logging
+
 import numpy as np
 from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.solvers import MathematicalProgram, OsqpSolver, SolverOptions
@@ -19,6 +21,7 @@ _SHARE = 0.97  # of the joints' greatest speeds
 _VELOCITY, _TILT, _POSTURE, _EFFORT = 0.05, 0.03, 0.003, 1e-5  # s, m/rad, m/rad, m/(rad/s^2)
 _SCALE, _TOLERANCE = 1e6, 1e-5  # of the cost, m^2 to numbers that suit the solver; its relative and absolute one
 _SIZE = _STEPS * JOINTS
+_log = logging.getLogger("drake")  # where Drake's own integrator of inverse kinematics says that it is stuck
 # Of the state.
 _Q, _V, _A, _TIME = slice(0, JOINTS), slice(JOINTS, 2 * JOINTS), slice(2 * JOINTS, 2 * JOINTS + _SIZE), -1
 
@@ -37,6 +40,8 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
     again, the joints are at nominal angles. Angles, velocities and accelerations are bounded, and each joint can always
     stop before its limit. So the rod points down where the joints can do that at the tool's speed, and swings where
     they cannot.
+
+    Where the program has no solution the joints brake, and a line of Drake's log says so once, until it has one again.
 
     It starts from measured angles when a simulator is initialized, and does not look at them later.
 
@@ -69,6 +74,7 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._desired = self.DeclareVectorInputPort("desired_state", 6)
         self._wanted = self.DeclareVectorInputPort("wanted", 3)
         self._measured = self.DeclareVectorInputPort("robot_state", 2 * JOINTS)
+        self._brakes = False
         self._held = self.DeclareDiscreteState(BasicVector(np.zeros(2 * JOINTS + _SIZE + 1)))
         self.DeclareInitializationDiscreteUpdateEvent(unowned(self, self._Begin))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, unowned(self, self._Update))
@@ -119,8 +125,15 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         low = [first_low, -strongest, np.tile(-self._fastest - v, _STEPS), (self._low - slack - free_q).ravel()]
         high = [first_high, strongest, np.tile(self._fastest - v, _STEPS), (self._high + slack - free_q).ravel()]
         self._bounds.evaluator().UpdateCoefficients(_BOUNDED, np.concatenate(low), np.concatenate(high))
-        plan = self._solver.Solve(self._program, None, self._options).GetSolution(self._unknowns)
-        plan = (plan if np.isfinite(plan).all() else np.tile(-v / _STEP, _STEPS)).reshape(_STEPS, JOINTS)
+        result = self._solver.Solve(self._program, None, self._options)
+        plan = result.GetSolution(self._unknowns)
+        none = not np.isfinite(plan).all()
+        if none:
+            plan = np.tile(-v / _STEP, _STEPS)
+        if none and not self._brakes:
+            words = "JointTracker: no plan for angles %s rad (%s); the joints brake"
+            _log.warning(words, q.round(3).tolist(), result.get_solution_result().name)
+        self._brakes, plan = none, plan.reshape(_STEPS, JOINTS)
         plan[0] = np.clip(plan[0], first_low, first_high)
         return np.asarray(plan)
 
