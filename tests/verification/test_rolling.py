@@ -187,3 +187,42 @@ def test_a_corner_that_strikes_the_floor_leaves_as_its_closed_form():
     after = frames.V_WB[:, 0, 0][frames.V_WB[:, 0, 0, 1].abs() > 1e-6][0]
     assert float(after[5]) == pytest.approx(-speed + impulse / mass, rel=1e-4)
     assert abs(float(after[1])) == pytest.approx(impulse * arm / inertia, rel=1e-4)
+
+
+def test_steps_with_more_impacts_than_are_told_apart_are_counted_and_lose_little_speed():
+    # 64 sides at 12 rad/s meet the floor 122 times a second: 12 times in a step of 0.1 s, and once in one of 10 ms.
+    found = {}
+    for rate in (10, 100):
+        model = wheel(64, rate)
+        V = torch.tensor([0.0, 12.0, 0.0, 12.0 * RADIUS, 0.0, 0.0], dtype=torch.float64)
+        state = State.at_rest(model, p_WB=(0.0, 0.0, RADIUS * math.cos(math.pi / 64)), V_WB=V)
+        found[rate] = run(Stepper(model), nominal(model, friction_floor=3.0), state, SECONDS)
+    assert int(found[10].early) == 5
+    assert int(found[100].early) == 0
+    ends = [float(frames.V_WB[-1, 0, 0, 1]) for frames in found.values()]
+    np.testing.assert_allclose(ends, rimless_wheel(64, 12.0), rtol=0.03)
+
+
+def test_a_long_step_in_which_a_block_falls_over_an_edge_is_taken_in_shorter_ones():
+    # A block of 60 mm falls over its edge from 0.3 rad off the balance, with 8 rad/s, as a pendulum does.
+    a, m = 0.06, 1.0
+    about_edge, far = m * a * a * (1 / 6 + 1 / 2), a * math.sqrt(0.5)
+    angle, speed, step = 0.3, 8.0, 1e-5
+    for _ in range(round(0.04 / step)):
+        middle = speed + 0.5 * step * m * G * far * math.sin(angle) / about_edge
+        angle += step * middle
+        speed = middle + 0.5 * step * m * G * far * math.sin(angle) / about_edge
+    model = Model(bodies=[Body("block", [box((a, a, a))], m, box_inertia((a, a, a), m))], time_step=0.02)
+    turn = 0.3 + math.pi / 4
+    arm = far * torch.tensor([math.sin(0.3), 0.0, math.cos(0.3)], dtype=torch.float64)
+    w = 8.0 * torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64)
+    V = torch.cat([w, torch.linalg.cross(w, arm)])
+    q = (math.cos(turn / 2), 0.0, math.sin(turn / 2), 0.0)
+    state = State.at_rest(model, q_WB=q, p_WB=tuple(arm.tolist()), V_WB=V)
+    end = run(Stepper(model), nominal(model, friction_floor=5.0), state, 0.04)
+    q_end = end.q_WB[-1, 0, 0].tolist()
+    # Where no step is halved the angle is wrong by 3 mrad.
+    assert 2 * math.atan2(q_end[2], q_end[0]) - math.pi / 4 == pytest.approx(angle, abs=5e-4)
+    assert float(end.V_WB[-1, 0, 0, 1]) == pytest.approx(speed, abs=2e-3)
+    there = far * torch.tensor([math.sin(angle), 0.0, math.cos(angle)], dtype=torch.float64)
+    np.testing.assert_allclose(end.p_WB[-1, 0, 0].numpy(), there.numpy(), atol=2e-5)  # the edge has not moved
