@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: MIT
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from pinwm_drake.errors import ParameterError
+from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.systems.envs.delay import Delay
 from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.station_run import StationRun
 from pinwm_drake.systems.envs.vector import TaskVecEnv
 from pinwm_drake.tasks.push import PushTask
+from tests.systems.stations import action_setup
 
 ACTIONS = np.array([[1.0, 0.0], [0.0, 0.5], [-1.0, 0.0], [0.6, -0.8], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 
@@ -121,3 +125,30 @@ def test_worlds_that_are_late_go_on_as_they_were_kept():
     again.reset()
     again.set_state(kept)
     np.testing.assert_array_equal(expected, [again.step(action)[0] for action in actions[6:]])
+
+
+@pytest.mark.parametrize("engine", ["twin", "point"])
+def test_an_action_that_fails_in_its_second_half_is_not_kept_by_a_twin_and_counts_for_a_plant(engine, monkeypatch):
+    run = StationRun(action_setup("push_t", time_step=1 / 120), engine, None, parts=2)
+    steps, simulator = [], run._simulator
+
+    def fails_once(t):
+        steps.append(t)
+        if len(steps) == 4:
+            raise SolverError("no solution")
+        simulator.AdvanceTo(t)
+
+    monkeypatch.setattr(run, "_simulator", SimpleNamespace(AdvanceTo=fails_once, Initialize=simulator.Initialize))
+    forward = np.array([[0.0, -0.5]])
+    run.advance(forward)
+    before = run.p_WP.copy()
+    with pytest.raises(SolverError):
+        run.advance(forward)
+    halfway = run.p_WP.copy()
+    run.retry()
+    run.advance(forward)
+    # A plant cannot be put back: its next action ends where one without a failure would have ended.
+    kept, ends = (0.5, [0.25, 0.3]) if engine == "point" else (0.0, [0.15, 0.2])
+    np.testing.assert_allclose(steps[4:], ends)
+    whole = 0.5 * run.max_translation
+    assert np.linalg.norm(halfway - before) == pytest.approx(kept * whole, abs=1e-6)
