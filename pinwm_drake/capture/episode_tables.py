@@ -6,6 +6,7 @@ import os
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -23,6 +24,7 @@ VELOCITY, FORCE = ("vx", "vy", "vz"), ("fx", "fy", "fz")
 # How far a frame may be outside the pusher's log [s]: times printed with six decimals.
 _ROUNDING = 1.5e-6
 _FASTEST, _STRONGEST = 1e3, 1e6  # m/s, N
+_UPWARDS = 5e-3  # m, by which a pusher moves up or down in a poke
 _LATEST = 1e11  # s; seconds since 1970 are well below
 _LONGEST_QUOTE = 60  # characters of a value that a message repeats
 
@@ -125,6 +127,9 @@ def quote(text: str) -> str:
     return text if text.isprintable() and text else ascii(text)
 
 
+Motion = Literal["push", "poke"]  # level, or also upwards, to rock or turn the object
+
+
 @dataclass(frozen=True, eq=False)
 class PusherTrajectory:
     """Poses of the pusher at m times; in between it moves on straight lines.
@@ -143,6 +148,11 @@ class PusherTrajectory:
     q_WP: np.ndarray
     v_WP: np.ndarray
     force_W: np.ndarray | None
+
+    @property
+    def motion(self) -> Motion:
+        """Kind of motion: a poke moves up or down by more than 5 mm."""
+        return "poke" if float(np.ptp(self.p_WP[:, 2])) > _UPWARDS else "push"
 
 
 @dataclass(frozen=True, eq=False)

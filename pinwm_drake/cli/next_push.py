@@ -10,12 +10,12 @@ from pinwm_drake.experiments.requests.twins import NextPushRequest
 def next_push(request: NextPushRequest) -> None:
     """Propose the push whose video tells most about a twin.
 
-    It also says when no further push is needed.
+    It also says when no further push is needed. After pokes it proposes a poke.
 
     Film it, add it to the capture as an episode, and identify from all of them:
     pinwm identify CAPTURE TWIN --episode A --episode B.
     """
-    from pinwm_drake.experiments.next_push import next_push
+    from pinwm_drake.experiments.next_push import filmed_motion, next_push
     from pinwm_drake.experiments.proposal import describe, write_proposal
     from pinwm_drake.files import prepare_folder
     from pinwm_drake.twin.read import load_twin
@@ -24,6 +24,7 @@ def next_push(request: NextPushRequest) -> None:
     with stages_bar(transient=True) as progress:
         proposal = next_push(
             found,
+            motion=request.motion or filmed_motion(found),
             low=low,
             high=high,
             number=request.candidates,

@@ -9,6 +9,9 @@ one object a noise K: that of the drift and of the images. The video is expected
 of theta, as for Gaussians. What the draws differ by where the object comes to rest, for the whole set of random pushes,
 tells whether there is still a need.
 
+Pokes rock or turn the object. Where one friction decides whether the tasks of pokes can be done, and is not known well
+enough, the poke comes first that tells most about it.
+
 Source: Chaloner and Verdinelli, "Bayesian experimental design: a review", Statistical Science 10(3), 1995, section 2.
 """
 
@@ -20,7 +23,8 @@ import numpy as np
 import torch
 import trimesh
 
-from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.capture.episode_tables import Motion, PusherTrajectory
+from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.capture.scene import PusherShape, load_capture
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
@@ -30,8 +34,9 @@ from pinwm_drake.identification.expansion import deviation
 from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.scene import Scene, resting_height
 from pinwm_drake.spatial.poses import Pose, pose_to_matrix
-from pinwm_drake.systems.pusher.choice import choose_push
+from pinwm_drake.systems.pusher.choice import choose_poke, choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
+from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.drift import typical_drift
 from pinwm_drake.twin.frame import Confusion, confusion, drawn_frames, pivot_of
 from pinwm_drake.twin.origin import Origin
@@ -40,9 +45,10 @@ from pinwm_drake.twin.twin import THETA, Twin
 
 _SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their logarithm; m, after the touch
 _LONGEST = 2.0  # s, of a motion
-_AFTERWARDS = 0.4  # s, of video after the pusher stops
+_AFTERWARDS = {"push": 0.4, "poke": 0.8}  # s, of video after the pusher stops
 _FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
-_MUCH = 0.5  # of the most information: what a push tells that is chosen for the frame
+_MUCH = 0.5  # of the most information: what a push tells that is chosen for one unknown
+_KNOWN = 0.1  # relative half-width of an interval up to which cousins cover it
 _ATTEMPTS = 20  # for each candidate that is to stay in the box
 
 
@@ -76,12 +82,14 @@ class Proposal:
         X_WO: Pose of the object before a push, q (4,), p (3,) [m].
         tolerance: Spread that is good enough: m, rad.
         confusion: Direction in which frame and centre of mass are not told apart; None where they are.
+        deciding: Friction that the first poke is chosen for; None for pushes, and where all are known well enough.
     """
 
     candidates: list[Candidate]
     X_WO: Pose
     tolerance: tuple[float, float]
     confusion: Confusion | None = None
+    deciding: str | None = None
 
     @property
     def spread(self) -> tuple[float, float]:
@@ -100,6 +108,7 @@ def next_push(
     twin: Twin,
     *,
     X_WO: Pose | None = None,
+    motion: Motion = "push",
     low: tuple[float, float] = (-math.inf, -math.inf),
     high: tuple[float, float] = (math.inf, math.inf),
     number: int = 48,
@@ -114,6 +123,7 @@ def next_push(
         twin: A twin with draws.
         X_WO: Pose of the object before the push, q (4,), p (3,) [m]; None for that of the capture that the twin is from
             where that is at hand, else upright at the origin.
+        motion: "push" for level pushes, "poke" for short and fast ones that go up.
         low, high: Corners of the pusher's box in the world's x and y, m.
         number: Number of random pushes that are looked at.
         draws: Number of the twin's draws that each is rolled out with, at the most.
@@ -122,8 +132,9 @@ def next_push(
         report: Called with the share of the pushes that are done.
 
     Returns:
-        The pushes, those first that would tell most; before them, where frame and centre of mass are not told apart,
-        the one of much information that tells them apart best.
+        The pushes, those first that would tell most. Before them comes one of much information: where frame and centre
+        of mass are not told apart, the push that does so best; of pokes, the one that tells most about the friction
+        that decides (`deciding_friction`).
 
     Raises:
         ParameterError: The twin has no draws, a number is out of range, or no push stays in the box.
@@ -151,20 +162,48 @@ def next_push(
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
     candidates = []
     for k in range(number):
-        motion = _draw(mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
+        drawn = _draw(motion, mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
         try:
-            candidates.append(_look(scene, parameters, frames, X_WO, motion, logarithms, radius, walk))
+            candidates.append(_look(scene, parameters, frames, X_WO, drawn, logarithms, radius, walk))
         except SolverError:
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
     candidates.sort(key=lambda one: -one.information)
-    if confused is not None:
-        enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
-        best = min(enough, key=lambda one: one.remaining["frame"])
-        candidates.sort(key=lambda one: one is not best)
-    return Proposal(candidates, X_WO, tolerance, confused)
+    deciding = deciding_friction(twin) if motion == "poke" else None
+    for unknown in (None if confused is None else "frame", deciding):
+        if unknown in candidates[0].remaining:
+            enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
+            best = min(enough, key=lambda one: one.remaining[unknown])
+            candidates.sort(key=lambda one: one is not best)
+            break
+    return Proposal(candidates, X_WO, tolerance, confused, deciding)
+
+
+def deciding_friction(twin: Twin) -> str | None:
+    """Friction that decides whether tasks of pokes can be done and is known least; None where cousins cover all."""
+    names = {name for task in task_names() if recipe_of(task).motion == "poke" for name in recipe_of(task).possible}
+    wide = {}
+    for name in sorted(names & twin.theta.keys()):
+        value, ends = twin.theta[name].value, twin.theta[name].interval
+        if ends is not None and value > 0.0:
+            wide[name] = max(value - ends[0], ends[1] - value) / value
+    unknown = max(wide, key=lambda name: wide[name], default=None)
+    return unknown if unknown is not None and wide[unknown] > _KNOWN else None
+
+
+def filmed_motion(twin: Twin) -> Motion:
+    """Motion of the episodes that a twin was identified from, where its capture is at hand; else "push"."""
+    origin = Origin.read(twin)
+    if origin is not None:
+        try:
+            capture = load_capture(origin.path)
+            motions = [read_episode(capture, name).trajectory.motion for name in origin.episodes]
+            return "poke" if "poke" in motions else "push"
+        except PinwmError:
+            pass  # it has been moved
+    return "push"
 
 
 def start_of(twin: Twin) -> Pose:
@@ -181,7 +220,8 @@ def start_of(twin: Twin) -> Pose:
 
 def trajectory_of(motion: StraightPush) -> PusherTrajectory:
     """Log of a pusher that makes a motion, from its start until the object has had time to rest."""
-    t = np.arange(math.ceil((motion.end_time + _AFTERWARDS) * _LOG_RATE) + 1) / _LOG_RATE
+    afterwards = _AFTERWARDS["poke" if motion.direction_W[2] > 0.0 else "push"]
+    t = np.arange(math.ceil((motion.end_time + afterwards) * _LOG_RATE) + 1) / _LOG_RATE
     travels = np.array([motion.travel(float(time)) for time in t])
     p_WP = motion.p_WP + travels[:, :1] * motion.direction_W
     return PusherTrajectory(
@@ -190,6 +230,7 @@ def trajectory_of(motion: StraightPush) -> PusherTrajectory:
 
 
 def _draw(
+    kind: Motion,
     mesh_W: trimesh.Trimesh,
     p_com: np.ndarray,
     shape: PusherShape,
@@ -198,15 +239,29 @@ def _draw(
     box: tuple[tuple[float, float], tuple[float, float]],
 ) -> StraightPush:
     for _ in range(_ATTEMPTS):
-        speed = math.exp(generator.uniform(*np.log(_SPEEDS)))
-        distance = min(generator.uniform(*_DISTANCES), speed * _LONGEST)
-        wanted = floor_height + generator.uniform(0.4, 1.0) * (p_com[2] - floor_height)
-        height = pushing_height(shape, floor_height, wanted)
-        motion = choose_push(mesh_W, p_com, shape, generator, height=height, speed=speed, distance=distance)
+        motion = (
+            choose_poke(mesh_W, p_com, shape, generator, floor_height=floor_height)
+            if kind == "poke"
+            else _level_push(mesh_W, p_com, shape, generator, floor_height)
+        )
         ends = np.stack([motion.p_WP, motion.p_WP + motion.distance * motion.direction_W])[:, :2]
         if (ends >= box[0]).all() and (ends <= box[1]).all():
             return motion
     raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
+
+
+def _level_push(
+    mesh_W: trimesh.Trimesh,
+    p_com: np.ndarray,
+    shape: PusherShape,
+    generator: np.random.Generator,
+    floor_height: float,
+) -> StraightPush:
+    speed = math.exp(generator.uniform(*np.log(_SPEEDS)))
+    distance = min(generator.uniform(*_DISTANCES), speed * _LONGEST)
+    wanted = floor_height + generator.uniform(0.4, 1.0) * (p_com[2] - floor_height)
+    height = pushing_height(shape, floor_height, wanted)
+    return choose_push(mesh_W, p_com, shape, generator, height=height, speed=speed, distance=distance)
 
 
 def _logarithms(twin: Twin, rows: np.ndarray) -> dict[str, torch.Tensor]:

@@ -51,7 +51,10 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
     motion = best.motion
     mesh_W = load_mesh(twin.mesh_path)
     mesh_W.apply_transform(pose_to_matrix(proposal.X_WO).numpy())
-    direction, place = motion.direction_W[:2], mass_properties(mesh_W, mass=1.0).p_com[:2] - motion.p_WP[:2]
+    level = motion.direction_W[:2]
+    rise = math.degrees(math.atan2(motion.direction_W[2], np.hypot(*level)))
+    verb, up = ("poke", f" and {rise:.0f}° upwards") if rise > 0.0 else ("push", "")
+    direction, place = level / np.hypot(*level), mass_properties(mesh_W, mass=1.0).p_com[:2] - motion.p_WP[:2]
     aside = float(direction[1] * place[0] - direction[0] * place[1])  # of the line of the push, to the left of the mass
     start = ", ".join(f"{1e3 * x:.0f}" for x in motion.p_WP)
     limits = f"{1e3 * proposal.tolerance[0]:g} mm and {math.degrees(proposal.tolerance[1]):g}°"
@@ -61,8 +64,8 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
         "a further push would hardly change what the twin predicts"
         if proposal.is_good_enough
         else "so another push is worth filming",
-        f"with the object at {_pose_words(proposal.X_WO)}, push the side that faces {_side(mesh_W, motion)}: "
-        f"from ({start}) mm towards {_heading(direction)}, for {1e3 * motion.distance:.0f} mm "
+        f"with the object at {_pose_words(proposal.X_WO)}, {verb} the side that faces {_side(mesh_W, motion)}: "
+        f"from ({start}) mm towards {_heading(direction)}{up}, for {1e3 * motion.distance:.0f} mm "
         f"at {1e3 * motion.speed:.0f} mm/s",
     ]
     if abs(aside) > _CENTRAL:
@@ -71,6 +74,8 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
             f"the pusher passes {1e3 * abs(aside):.0f} mm to the {side} of the centre of mass: "
             f"the object turns {way}, seen from above"
         )
+    if proposal.deciding is not None and proposal.deciding in best.remaining:
+        lines.append(f"whether it turns over depends on {proposal.deciding}, which this poke tells best")
     told = expectations(twin, best)
     if told and best.remaining[told[0].parameter] < _TOLD:
         one = told[0]

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from pinwm_drake.capture.episodes import Episode, read_episode, tell_doubts
 from pinwm_drake.capture.measured_poses import MeasuredPoses, poses_files, read_measured_poses
 from pinwm_drake.capture.scene import Capture, load_capture
@@ -38,7 +36,6 @@ from pinwm_drake.twin.origin import seen_start
 from pinwm_drake.twin.twin import SURFELS_FILE, Twin
 from pinwm_drake.twin.write import write_twin
 
-_UPWARDS = 5e-3  # m, by which a pusher moves up or down in a poke
 # Parameters that the progress shows.
 _SHOWN = {"friction_floor": "μ floor", "friction_pusher": "μ pusher", "mass": "mass"}
 
@@ -161,7 +158,7 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
 
 def task_doubts(twin: Twin, pushes: Sequence[Episode]) -> list[str]:
     """Sentences on frictions with which the tasks that are filmed by pokes are not known to be possible; of pokes."""
-    if all(float(np.ptp(push.trajectory.p_WP[:, 2])) <= _UPWARDS for push in pushes):
+    if all(push.trajectory.motion == "push" for push in pushes):
         return []
     recipes = [recipe_of(name) for name in task_names()]
     return [doubt for one in recipes if one.motion == "poke" for doubt in one.doubts(known_ranges(twin))]

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: MIT
 """The choice of the next push, on a cube whose friction two of the draws disagree on."""
 
+import csv
 import dataclasses
 
 import numpy as np
 import pytest
 
+from pinwm_drake.capture.episodes import read_episode
+from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.next_push import next_push
+from pinwm_drake.experiments.next_push import deciding_friction, filmed_motion, next_push
+from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.twin import Draws
+from tests.capture.pushed_cube import write_pushed_cube
 from tests.twin.samples import cube_twin
 
 NUMBER = 6
@@ -64,6 +69,49 @@ def test_pushes_stay_in_the_box(twin):
         assert all((low <= end[:2]).all() and (end[:2] <= high).all() for end in ends)
     with pytest.raises(ParameterError, match="a box with room"):
         next_push(unsure(twin, 0.5), number=1, draws=2, low=(0.0, 0.0), high=(0.01, 0.01))
+
+
+def test_a_poke_is_chosen_for_the_friction_that_decides_a_flip(twin):
+    unknown = unsure(twin, 0.3)
+    pusher = 0.5 * np.exp(0.4 * np.random.default_rng(0).permutation(np.linspace(-1.5, 1.5, 16)))
+    values = np.column_stack([unknown.draws.values, pusher])
+    keep = [k for k, name in enumerate(unknown.draws.names) if name != "friction_pusher"] + [values.shape[1] - 1]
+    names = [*(name for name in unknown.draws.names if name != "friction_pusher"), "friction_pusher"]
+    wide = dataclasses.replace(twin.theta["friction_pusher"], value=0.5, interval=(0.25, 1.0))
+    floor = dataclasses.replace(twin.theta["friction_floor"], value=0.2, interval=(0.15, 0.25))
+    theta = {**twin.theta, "friction_pusher": wide, "friction_floor": floor}
+    unknown = dataclasses.replace(unknown, draws=Draws(names, values[:, keep]), theta=theta)
+    found = next_push(unknown, motion="poke", number=8, draws=8)
+    assert found.deciding == "friction_pusher"
+    ways = np.array([one.motion.direction_W for one in found.candidates])
+    assert (ways[:, 2] > 0.2).all()
+    told = np.array([one.remaining["friction_pusher"] for one in found.candidates])
+    much = np.array([one.information for one in found.candidates])
+    assert told[0] == told[much >= 0.5 * much.max()].min() < 0.9
+    level = next_push(unknown, number=2, draws=4)
+    assert level.deciding is None
+    assert all(one.motion.direction_W[2] == 0.0 for one in level.candidates)
+    near = {name: (0.95 * one.value, 1.05 * one.value) for name, one in theta.items()}
+    sure = {name: dataclasses.replace(one, interval=near[name]) for name, one in theta.items()}
+    assert deciding_friction(dataclasses.replace(unknown, theta=sure)) is None
+
+
+def test_the_motion_is_that_of_the_capture_where_it_is_at_hand(twin, tmp_path):
+    assert filmed_motion(twin) == "push"
+    folder = write_pushed_cube(tmp_path / "capture")
+    capture = load_capture(folder)
+    origin = Origin.of(capture, [read_episode(capture, capture.episode_names[0])])
+    filmed = dataclasses.replace(twin, provenance=twin.provenance | origin.to_provenance())
+    assert filmed_motion(filmed) == "push"
+    log = folder / "episodes" / capture.episode_names[0] / "trajectory.csv"
+    rows = list(csv.DictReader(log.open()))
+    for k, row in enumerate(rows):
+        row["pz"] = str(float(row["pz"]) + 0.01 * k / len(rows))
+    with log.open("w") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    assert filmed_motion(filmed) == "poke"
 
 
 def test_a_twin_without_draws_is_refused(twin):

@@ -61,6 +61,14 @@ def test_other_pushes_have_other_words(twin):
     assert "faces -x (180°)" in missed[2]
 
 
+def test_a_poke_has_words_of_its_own(twin):
+    found = dataclasses.replace(proposal(direction=(0.8, 0.0, 0.6)), deciding="friction_floor")
+    lines = describe(twin, found)
+    assert "poke the side that faces -x (180°): from (-100, 0, 0) mm" in lines[2]
+    assert "towards +x (0°) and 37° upwards, for 100 mm" in lines[2]
+    assert "whether it turns over depends on friction_floor, which this poke tells best" in lines
+
+
 def test_an_interval_shrinks_about_its_value(twin):
     (told,) = expectations(twin, proposal(remaining=0.5).candidates[0])
     assert told.after == pytest.approx((0.2 * math.sqrt(0.5), 0.2 * math.sqrt(2.0)))

@@ -3,7 +3,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pinwm_drake.errors import InputError, require
 from pinwm_drake.request import ADVANCED, BUDGET, DATA, LAB, argument, option, request
@@ -54,6 +54,10 @@ class NextPushRequest:
     out: Annotated[
         Path, option("Folder for push.yaml, trajectory.csv and next_push.png.", "--out", "-o", result="inside")
     ]
+    motion: Annotated[
+        Literal["push", "poke"] | None,
+        option("Motion that is proposed: level, or short, fast and upwards.", default="that of the twin's capture"),
+    ] = None
     position: Annotated[float, option("Spread of the resting position that is good enough.", unit="mm", gt=0)] = 2.0
     yaw: Annotated[float, option("Spread of the resting yaw that is good enough.", unit="deg", gt=0)] = 2.0
     low: Annotated[
