@@ -34,6 +34,7 @@ from pinwm_drake.tasks.task import Task
 _WAVES = 30.0
 _LOG_SPREADS = (-20.0, 2.0)  # as SB3's SAC has them
 _FEATURES = 192  # of images
+_COARSE = 56  # px, side of a single image's window up to which the first layer takes steps of 2 px; else 4
 _FAR = 0.3  # m, unit of places that layers take
 # An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with
 # thirds, 60 % of flips after imitation became 20 %; with ninths they became 90 %.
@@ -231,7 +232,10 @@ class ImageActor(nn.Module):
         if spec.window is not None:
             height = width = spec.window
         # What is left after the strides tells where things are.
-        first = nn.Conv2d(channels, 32, 4, 4) if spec.window is None else nn.Conv2d(channels, 32, 3, 2, 1)
+        first = nn.Conv2d(channels, 32, 4, 4)
+        if spec.window is not None:
+            fine = bool(spec.history) and spec.window > _COARSE
+            first = nn.Conv2d(channels, 32, 6, 4, 1) if fine else nn.Conv2d(channels, 32, 3, 2, 1)
         self.convolutions = nn.Sequential(
             first,
             nn.ReLU(),
@@ -311,6 +315,8 @@ class ImageActor(nn.Module):
         pusher: Tensor,
         goal: Tensor | None = None,
         corner: Tensor | None = None,
+        *,
+        centred: bool = False,
     ) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
 
@@ -319,6 +325,7 @@ class ImageActor(nn.Module):
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
             corner: (B, frames, 2) px, first pixels of the images, where they are parts of the camera's; see `parts`.
+            centred: Flag: parts are as they were but for their colours; see `Window.forward`.
         """
         if self._frames > 1:
             image = torch.cat(image.chunk(self._frames, 3))
@@ -327,7 +334,7 @@ class ImageActor(nn.Module):
         if self.window is None:
             dark = self.darken(image)
         else:
-            dark, place = self.window(image, corner)
+            dark, place = self.window(image, corner, centred=centred)
         with torch.autocast("cpu", torch.bfloat16) if self.mixed_precision else nullcontext():
             features = self.features(self.convolutions(dark)).float()
         if not self.history:

@@ -200,7 +200,7 @@ def _learn(
         drawn = [torch.from_numpy(one) for one in frames.draw(options.batch_size, generator)]
         images, pusher, state, goal, corner = (one.to(device) for one in (augment.as_images(drawn[0]), *drawn[1:]))
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
-        found = student.state(images, pusher, drawn_goal, parts)
+        found = student.state(images, pusher, drawn_goal, parts, centred=not (options.shift or options.mask))
         loss = estimation_loss(found, state, counted)
         if counted is None:
             loss = loss + options.action_weight * student.actor.imitation(found, state)

@@ -27,7 +27,7 @@ FLIP = Recipe(
     light=0.6,  # lamps of a room, and of other renderers
     # Where the strokes of docs/results/policies.md turn a mug over, of frictions of 0.05 to 0.5 and 0.3 to 1.2.
     possible={"friction_floor": (0.1, 0.5), "friction_pusher": (0.3, 1.2)},
-    image_size=128,  # an object in flight is seen to 4 mm and 6 degrees; with 64, to 5 mm and 8 degrees
+    image_size=256,  # a pixel is 1.7 mm of the mug in the scene's middle
     history=2,
     latency=(0.0, 0.12),
     assembly=_assembly,
