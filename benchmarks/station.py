@@ -2,7 +2,7 @@
 """Cost of the station beyond the bare step and render: one action of 0.1 s and one 64 x 64 image, 1 and 32 worlds.
 
 The bare loop calls `Stepper.rollout`, the batched API, as often as the diagram updates its state, and `render` once.
-The unchecked one calls `Stepper.advance` instead, as the station does: plain arrays, nothing looked at. The station
+The unchecked one calls `Stepper.roll` instead, as the station does: plain arrays, nothing looked at. The station
 does it inside Drake's Simulator, with limits on the pusher, and makes the image what a policy sees: 8 bits, masked,
 hidden where the pusher stands before.
 """
@@ -97,7 +97,8 @@ class Action:
         """Take the action without the station, and without any check."""
         state = self.state
         for _ in range(self.updates):
-            state = self.stepper.advance(self.theta, state, self.V_WP)
+            frames = self.stepper.roll(self.theta, state, self.V_WP, len(self.V_WP), keep=False)[4]
+            state = tuple([array[1] for array in frames[:5]])
         self._render(state[1][:, 0])
 
     def _render(self, p_WB: np.ndarray) -> None:

@@ -127,27 +127,6 @@ class Stepper:
         # torch leaves `apply` untyped.
         return Trajectory(*_Rollout.apply(self, record_every, on_failure == "hold", *inputs))  # type: ignore[no-untyped-call]
 
-    def advance(self, theta: Arrays, state: Arrays, V_WP: np.ndarray) -> Arrays:
-        """State after a sequence of steps: plain arrays, no gradients, nothing checked.
-
-        It is `rollout` for callers that step a hundred thousand times: what they give is theirs to check, once, which
-        takes longer than a step of one world.
-
-        Args:
-            theta: the arrays of `Parameters.tensors`.
-            state: q_WB (W, nb, 4), p_WB (W, nb, 3), V_WB (W, nb, 6), q_WP (W, 4), p_WP (W, 3), as in `State`.
-            V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame.
-            All float64 and contiguous.
-
-        Returns:
-            The five arrays of the state after T steps.
-
-        Raises:
-            SolverError: a world's state became infinite, or it has too many contacts; the message names world and step.
-        """
-        frames = self.roll(theta, state, V_WP, len(V_WP), False)[4]
-        return tuple([array[1] for array in frames[:5]])
-
     def roll(
         self,
         theta: Arrays,
@@ -160,8 +139,14 @@ class Stepper:
     ) -> tuple:
         """Roll out plain arrays, nothing checked: `rollout` with all that the kernels keep.
 
+        Callers that step a hundred thousand times check what they give once: that takes longer than a step of a world.
+
         Args:
-            theta, state, V_WP, record_every: as in `advance` and `rollout`.
+            theta: The arrays of `Parameters.tensors`.
+            state: q_WB (W, nb, 4), p_WB (W, nb, 3), V_WB (W, nb, 6), q_WP (W, 4), p_WP (W, 3), as in `State`.
+            V_WP: (T, W, 6), spatial velocity of the pusher in each step, [rad/s; m/s], world frame. All arrays are
+                float64 and contiguous.
+            record_every: As in `rollout`.
             keep: whether to keep what a backward pass needs.
             hold: as `on_failure`.
             pairs: number of pairs whose impulses are summed up; 0 for none.
