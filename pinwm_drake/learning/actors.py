@@ -315,8 +315,7 @@ class ImageActor(nn.Module):
         pusher: Tensor,
         goal: Tensor | None = None,
         corner: Tensor | None = None,
-        *,
-        centred: bool = False,
+        tint: Tensor | None = None,
     ) -> Tensor:
         """Estimate of the state (B, state_size), by images and the pusher's position; both may have a history.
 
@@ -325,16 +324,18 @@ class ImageActor(nn.Module):
             pusher: (B, n) float32, along the task's axes across the pusher's box, -1 to 1; then what was before.
             goal: (B, task.goal_size) float32, goals of the episodes; None for the task's own.
             corner: (B, frames, 2) px, first pixels of the images, where they are parts of the camera's; see `parts`.
-            centred: Flag: parts are as they were but for their colours; see `Window.forward`.
+            tint: (B, 3) factors of the darkness of red, green and blue in all parts of a stack, which are not changed
+                otherwise; None where they are changed already.
         """
         if self._frames > 1:
             image = torch.cat(image.chunk(self._frames, 3))
             corner = None if corner is None else torch.cat(corner.unbind(1))
+            tint = None if tint is None else tint.repeat(self._frames, 1)
         place = None
         if self.window is None:
             dark = self.darken(image)
         else:
-            dark, place = self.window(image, corner, centred=centred)
+            dark, place = self.window(image, corner, tint)
         with torch.autocast("cpu", torch.bfloat16) if self.mixed_precision else nullcontext():
             features = self.features(self.convolutions(dark)).float()
         if not self.history:

@@ -198,9 +198,12 @@ def _learn(
         for group in optimizer.param_groups:
             group["lr"] = rate
         drawn = [torch.from_numpy(one) for one in frames.draw(options.batch_size, generator)]
-        images, pusher, state, goal, corner = (one.to(device) for one in (augment.as_images(drawn[0]), *drawn[1:]))
+        tint = augment.factors(len(drawn[0])).to(device) if augment.tints and student.sees_parts else None
+        if tint is None:
+            drawn[0] = augment.as_images(drawn[0])
+        images, pusher, state, goal, corner = (one.to(device) for one in drawn)
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
-        found = student.state(images, pusher, drawn_goal, parts, centred=not (options.shift or options.mask))
+        found = student.state(images, pusher, drawn_goal, parts, tint)
         loss = estimation_loss(found, state, counted)
         if counted is None:
             loss = loss + options.action_weight * student.actor.imitation(found, state)

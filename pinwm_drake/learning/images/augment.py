@@ -24,6 +24,15 @@ class Augment:
         """
         self._shift, self._gain, self._mask = shift, gain, mask
 
+    @property
+    def tints(self) -> bool:
+        """Flag: no more is changed than the darkness, by `factors`."""
+        return not (self._shift or self._mask)
+
+    def factors(self, number: int) -> Tensor:
+        """Return random factors (number, 3) of the darkness of red, green and blue."""
+        return 1.0 + self._gain * (2.0 * torch.rand(number, 3) - 1.0)
+
     def __call__(self, image: Tensor) -> Tensor:
         """Return changed images (B, 3 k, height, width) float32, 0 for white and 1 for black; torch draws.
 
@@ -36,7 +45,7 @@ class Augment:
     def as_images(self, image: Tensor) -> Tensor:
         """Return the changed images (B, height, width, 3 k) uint8, 255 for white; the argument is that of a call."""
         B, k = len(image), image.shape[3] // 3
-        factors = 1.0 + self._gain * (2.0 * torch.rand(B, 3) - 1.0)
+        factors = self.factors(B)
         if self._mask > 0.0:
             image = self._frayed(image)
         if self._shift > 0:

@@ -73,7 +73,7 @@ class Window(nn.Module):
         self.register_buffer("_rows", torch.arange(spec.camera.height).float(), persistent=False)
         self.register_buffer("_steps", torch.arange(spec.window).float(), persistent=False)
 
-    def forward(self, image: Tensor, corner: Tensor | None = None, *, centred: bool = False) -> tuple[Tensor, Tensor]:
+    def forward(self, image: Tensor, corner: Tensor | None = None, tint: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Window (B, 3 k, side, side) of images, and the place (B, 2) m, world, that its middle shows.
 
         The window is float32, 0 for white and 1 for black.
@@ -83,11 +83,12 @@ class Window(nn.Module):
                 the window stays as it comes: numbers as floats are four times as long.
             corner: (B, 2) px, x and y of the first pixel, where images are parts, as `part` gives them; None where they
                 are whole.
-            centred: Flag: images are parts as `part` gave them, but for their colours. So their windows are known.
+            tint: (B, 3 k) factors of the darkness of images that are parts as `part` gave them, so that their windows
+                are known; None for other images.
         """
-        if centred and corner is not None:
+        if tint is not None and corner is not None:
             part = image[:, _BORDER:-_BORDER, _BORDER:-_BORDER]
-            window = part.float().sub_(255.0).mul_(-1.0 / 255.0).permute(0, 3, 1, 2)
+            window = part.float().sub_(255.0).mul_((tint / -255.0)[:, None, None]).clamp_(max=1.0).permute(0, 3, 1, 2)
             x, y = (corner[:, axis] + (_BORDER + self._side // 2) for axis in (0, 1))
             return window, self._place(x.float(), y.float())
         x, y = self._middle(image, whole=corner is None)

@@ -80,9 +80,12 @@ def test_the_window_of_a_part_is_that_of_the_image(at):
     assert part.shape == (1, 24, 24, 3)
     assert part_size(dataclasses.replace(SPEC, frames=3, history=2)) == (24, 24)
     assert part_size(SPEC) == (48, 48)
-    for centred in (False, True):
-        for found, expected in zip(window(part, corner, centred=centred), window(image), strict=True):
+    for tint in (None, torch.ones(1, 3)):
+        for found, expected in zip(window(part, corner, tint), window(image), strict=True):
             torch.testing.assert_close(found, expected)
+    light = window(part, corner, torch.tensor([[0.5, 1.0, 3.0]]))[0]
+    dark = window(image)[0]
+    torch.testing.assert_close(light, torch.stack([0.5 * dark[:, 0], dark[:, 1], (3.0 * dark[:, 2]).clamp(max=1.0)], 1))
     nothing = torch.full((1, 48, 48, 3), 255, dtype=torch.uint8)
     assert not window(*window.part(nothing))[0].any()
 
@@ -99,12 +102,12 @@ def test_images_of_a_history_are_seen_one_by_one_and_their_parts_are_enough():
         parts, corners = zip(*(actor.parts(one.numpy()) for one in (a, b, c)), strict=True)
         stack, corner = torch.from_numpy(np.concatenate(parts, 3)), torch.from_numpy(np.stack(corners, 1))
         of_parts = actor.state(stack, pusher, corner=corner)
-        centred = actor.state(stack, pusher, corner=corner, centred=True)
+        tinted = actor.state(stack, pusher, corner=corner, tint=torch.ones(1, 3))
     size = spec.task.state_size
     torch.testing.assert_close(state[:, size : 2 * size], earlier[:, :size])
     assert torch.equal(state[:, 2 * size : 2 * size + 2], pusher[:, 4:6])
     torch.testing.assert_close(of_parts, state)
-    torch.testing.assert_close(centred, state)
+    torch.testing.assert_close(tinted, state)
 
 
 @pytest.mark.parametrize("changes", [{"window": 0}, {"window": 49}, {"window": 16, "scene": None}])
