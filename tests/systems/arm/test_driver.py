@@ -160,8 +160,14 @@ def test_the_tool_goes_up_where_the_task_moves_it_up(arm):
     assert (limits.box_low[2], limits.box_high[2]) == (0.014, 0.3)
 
 
-@pytest.mark.parametrize("arm", ARMS)
-@pytest.mark.parametrize("how", ["nothing", "one that is repeated", "no number"])
+@pytest.mark.parametrize(
+    ("how", "arm"),
+    [
+        *((how, "iiwa") for how in ("nothing", "one that is repeated", "no number")),
+        ("nothing", "panda"),
+        *(pytest.param(how, "panda", marks=pytest.mark.nightly) for how in ("one that is repeated", "no number")),
+    ],
+)
 def test_the_arm_stops_when_commands_stop(setup, how, arm):
     track = Track(setup, arm)
     track.go(0.3, [0.0, SPEED, 0.0])
