@@ -31,7 +31,7 @@ def pushed(tmp_path_factory):
     capture = load_capture(write_capture(tmp_path_factory.mktemp("tracker") / "capture"))
     episode = read_episode(capture, "0000")
     poses = episode.object_poses
-    wrong = replace(poses, p_WO=poses.p_WO[::-1] + [0.05, 0.0, 0.02])
+    wrong = replace(poses, p_WO=poses.p_WO[::-1] + np.array([0.05, 0.0, 0.02]))
     return capture, episode, tracker(capture).track(replace(episode, object_poses=wrong))
 
 
