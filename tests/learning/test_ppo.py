@@ -45,8 +45,8 @@ def test_the_mean_of_the_levels_next_to_an_action_is_that_action():
 def test_it_learns_from_the_state(tmp_path):
     spec = toy_spec("state")
     options = PpoOptions(
-        steps=5_000,
-        round_steps=2_500,
+        steps=3_000,
+        round_steps=1_500,
         n_steps=32,
         batch_size=128,
         episodes=64,
