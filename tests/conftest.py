@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import gc
 import io
 import math
 import os
@@ -17,6 +18,11 @@ from pinwm_drake.cli import console, main
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_collection_finish() -> None:
+    """Keep what libraries and the collected tests made, a million objects, out of all later garbage collections."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

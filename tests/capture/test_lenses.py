@@ -2,6 +2,7 @@
 """Scans by a lens with distortion become captures of pinholes, by either importer."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
@@ -35,10 +36,10 @@ def as_seen_by(lens, image, fill):
     return cv2.remap(image, where, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT, borderValue=(fill,) * 4)
 
 
-@pytest.fixture(params=["opencv", "fisheye"])
-def scan(tmp_path, request):
+@pytest.fixture(scope="module", params=["opencv", "fisheye"])
+def whole(tmp_path_factory, request):
     """A scan by a lens, its views before, the lens, and the images of a COLMAP model."""
-    folder = write_views(tmp_path / "scan", size=SIZE, count=8)
+    folder = write_views(tmp_path_factory.mktemp("lens") / "scan", size=SIZE, count=8)
     before, images = read_views(folder, X_WO()), model_of(folder)[1]
     document = json.loads((folder / "transforms.json").read_text())
     intrinsics = np.array([document[key] for key in ("fl_x", "fl_y", "cx", "cy")])
@@ -48,6 +49,13 @@ def scan(tmp_path, request):
     document |= {"camera_model": MODELS[lens.model], **dict(zip(KEYS[lens.model], lens.distortion, strict=True))}
     (folder / "transforms.json").write_text(json.dumps(document))
     return folder, before, lens, images
+
+
+@pytest.fixture
+def scan(whole, tmp_path):
+    """A copy of it, to be changed."""
+    folder, *rest = whole
+    return shutil.copytree(folder, tmp_path / "scan"), *rest
 
 
 @pytest.fixture

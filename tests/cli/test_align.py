@@ -113,13 +113,18 @@ def test_a_bare_folder_needs_a_mesh_and_no_held_out_views(pinwm, tmp_path):
     ("change", "found"),
     [
         (lambda mesh: mesh.apply_scale(0.7), r"misses the masks in 8 of 8 views; images/\d+\.png: overlap"),
-        (lambda mesh: mesh.apply_scale(1.4), r"misses the masks in \d of 8 views"),
-        (lambda mesh: mesh.apply_scale([1.0, 0.4, 1.0]), "misses the masks"),
         (lambda mesh: mesh.apply_translation([0.0, 0.0, 0.03]), "misses the masks"),
         (lambda mesh: mesh.apply_translation([0.02, 0.0, 0.0]), "a mesh that is 20 mm from where the masks"),
         (lambda mesh: mesh.apply_scale(0.9), r"the masks show 1\.1[0-3] times as large and [+-][01] mm in height"),
-        (lambda mesh: mesh.apply_scale(1.1), r"the masks show 0\.9[0-3] times as large and [+-][01] mm in height"),
         (lambda mesh: mesh.apply_translation([0.0, 0.0, 0.01]), r"the masks show 1\.0\d times as large and -10 mm"),
+        *(
+            pytest.param(*case, marks=pytest.mark.nightly)
+            for case in (
+                (lambda mesh: mesh.apply_scale(1.4), r"misses the masks in \d of 8 views"),
+                (lambda mesh: mesh.apply_scale([1.0, 0.4, 1.0]), "misses the masks"),
+                (lambda mesh: mesh.apply_scale(1.1), r"the masks show 0\.9[0-3] times as large and [+-][01] mm"),
+            )
+        ),
     ],
 )
 def test_a_mesh_that_does_not_fit_its_masks_is_refused_before_the_fit(pinwm, tmp_path, monkeypatch, change, found):
@@ -236,17 +241,13 @@ def test_a_disk_that_fills_up_at_the_end_loses_nothing(capture, whole, tmp_path)
     assert (tmp_path / "surfels.ply").read_bytes() == whole
 
 
-def test_a_checkpoint_of_another_fit_is_refused(pinwm, capture, tmp_path):
-    assert pinwm("align", str(capture), str(tmp_path), "--iterations", "3", *SMALL)[0] == 0
-    code, _, errors = pinwm("align", str(capture), str(tmp_path), "--iterations", "4", *SMALL, "--resume")
-    assert code == 1
-    assert f"pinwm: {tmp_path / 'checkpoint.npz'}: got a fit with iterations = 3; allowed: one with" in errors
-
-
-def test_resuming_nothing_says_so(pinwm, capture, tmp_path):
+def test_resuming_nothing_says_so_and_another_fit_is_refused(pinwm, capture, tmp_path):
     code, output, _ = pinwm("align", str(capture), str(tmp_path), "--iterations", "3", *SMALL, "--resume")
     assert code == 0
     assert f"no checkpoint.npz in {tmp_path}: starting anew\n" in output
+    code, _, errors = pinwm("align", str(capture), str(tmp_path), "--iterations", "4", *SMALL, "--resume")
+    assert code == 1
+    assert f"pinwm: {tmp_path / 'checkpoint.npz'}: got a fit with iterations = 3; allowed: one with" in errors
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pinwm_drake.systems.scenario.load import load_setup
 from tests.capture.cube import read_static_views
 from tests.capture.pushed_cube import read_frames
 
-SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "24"]
+SMALL = ["--size", "48", "--episodes", "2", "--static-views", "2", "--frames", "8", "--rate", "40"]
 SMALL += ["--supersampling", "1", "--distance", "0.02"]
 
 
@@ -32,7 +32,7 @@ def made(tmp_path_factory):
 
     out = tmp_path_factory.mktemp("simulate") / "capture"
     options = SimulateOptions(object_name="cube", friction=0.2, pusher_friction=0.4, mass=0.5, size=48, episodes=2,
-                              static_views=2, frames=8, rate=24.0, supersampling=1, distance=0.02, seed=3)  # fmt: skip
+                              static_views=2, frames=8, rate=40.0, supersampling=1, distance=0.02, seed=3)  # fmt: skip
     simulate(SimulateCaptureRequest(out, options))
     return out
 

@@ -34,8 +34,8 @@ QUICK = ("--starts", "2", "--support", "patch", "--threads", "2")
 
 
 def test_a_capture_becomes_a_twin(pinwm, capture, twin, monkeypatch):
-    monkeypatch.setattr(search, "sample", lambda *given, moves, **options: sample(*given, moves=12, **options))
-    code, output, errors = pinwm("identify", str(capture), str(twin), *QUICK)
+    monkeypatch.setattr(search, "sample", lambda *given, moves, **options: sample(*given, moves=6, **options))
+    code, output, errors = pinwm("identify", str(capture), str(twin), *QUICK, "--starts", "1")
     assert (code, errors) == (0, "")
     assert "friction_floor" in output
     assert "score against object_poses.csv, which was not used" in output.replace("\n", " ")

@@ -22,20 +22,21 @@ def test_a_friction_that_is_known_roughly_is_drawn_from_the_posterior_and_the_ot
     twin = replace(twin, draws=Draws(["friction_floor", "friction_pusher"], values))
     domains = CousinDomains(widen=True)
     assert domains.wide(twin) == {"friction_pusher": (0.3, 1.2)}
-    drawn = [domains.draw(twin)(number).theta for number in range(200)]
+    draw, draw_plain = domains.draw(twin), CousinDomains().draw(twin)
+    drawn = [draw(number).theta for number in range(200)]
     pusher = np.array([theta["friction_pusher"] for theta in drawn])
     assert set(pusher) <= set(values[:, 1])
     assert pusher.min() < 0.35
     assert pusher.max() > 1.15
     floor = [theta["friction_floor"] for theta in drawn]
-    plain = [CousinDomains().draw(twin)(number).theta["friction_floor"] for number in range(200)]
+    plain = [draw_plain(number).theta["friction_floor"] for number in range(200)]
     assert floor == plain
     assert not CousinDomains().wide(twin)
 
 
 def test_without_draws_a_wide_friction_is_drawn_evenly_from_its_interval():
-    domains = CousinDomains(widen=True)
-    drawn = [domains.draw(_twin_with(friction_pusher=(-0.1, 1.1)))(number) for number in range(300)]
+    draw = CousinDomains(widen=True).draw(_twin_with(friction_pusher=(-0.1, 1.1)))
+    drawn = [draw(number) for number in range(300)]
     pusher = np.array([cousin.theta["friction_pusher"] for cousin in drawn])
     assert 0.0 <= pusher.min() < 0.05
     assert pusher.mean() == pytest.approx(0.55, abs=0.06)
@@ -44,12 +45,13 @@ def test_without_draws_a_wide_friction_is_drawn_evenly_from_its_interval():
 def test_frictions_that_are_given_are_drawn_evenly_in_place_of_all_others():
     twin = _twin_with(friction_pusher=(0.3, 1.2))
     domains = CousinDomains(0.0, friction_floor=(0.1, 0.3), friction_pusher=(0.5, 0.5), widen=True)
-    drawn = [domains.draw(twin)(number).theta for number in range(300)]
+    draw = domains.draw(twin)
+    drawn = [draw(number).theta for number in range(300)]
     assert {theta["friction_pusher"] for theta in drawn} == {0.5}
     floor = np.array([theta["friction_floor"] for theta in drawn])
     assert 0.1 <= floor.min() < 0.11
     assert floor.mean() == pytest.approx(0.2, abs=0.015)
     assert domains.about()["friction_floor"] == [0.1, 0.3]
-    assert domains.draw(twin)(7).theta == domains.draw(twin)(7).theta
+    assert draw(7).theta == domains.draw(twin)(7).theta
     with pytest.raises(ParameterError, match=r"friction_floor: got 0\.3 to 0\.1"):
         CousinDomains(friction_floor=(0.3, 0.1)).draw(twin)

@@ -42,7 +42,11 @@ def test_steps_are_counted_by_the_second_half_of_a_brief_training(monkeypatch):
 
 @pytest.mark.parametrize(
     ("values", "stages"),
-    [({}, ["teacher", "distil"]), ({"method": "ppo"}, ["ppo"]), ({"method": "state", "algorithm": "ppo"}, ["teacher"])],
+    [
+        ({}, ["teacher", "distil"]),
+        pytest.param({"method": "ppo"}, ["ppo"], marks=pytest.mark.nightly),
+        ({"method": "state", "algorithm": "ppo"}, ["teacher"]),
+    ],
 )
 def test_every_stage_is_forecast(tmp_path, values, stages):
     found = forecast(TrainRequest("push_t", tmp_path / "run", **SHORT, **values))

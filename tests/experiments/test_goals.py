@@ -9,7 +9,6 @@ from pinwm_drake.cli.app import app
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.experiments import training
 from pinwm_drake.experiments.evaluation.run import evaluate
-from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.experiments.requests.train import TrainRequest
 from pinwm_drake.experiments.training import train
@@ -34,7 +33,8 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def bundle(run):
-    export_bundle(run, run.parent / "bundle")
+    exported = CliRunner().invoke(app, ["export", str(run), str(run.parent / "bundle")])
+    assert exported.exit_code == 0, exported.output
     return read_bundle(run.parent / "bundle")
 
 
@@ -83,8 +83,6 @@ def test_it_is_evaluated_over_goals_and_controlled_towards_one(run, bundle, tmp_
     goals = {row.rsplit(",", 1)[1] for row in rows[1:]}
     assert len(goals) == 3
     assert all(len(goal.split()) == 3 for goal in goals)
-    exported = CliRunner().invoke(app, ["export", str(run), str(tmp_path / "bundle")])
-    assert exported.exit_code == 0, exported.output
     folder = str(run.parent / "bundle")
     refused = CliRunner().invoke(app, ["control", folder, "--engine", "twin", "--duration", "0.3"])
     assert refused.exit_code != 0

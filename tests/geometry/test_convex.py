@@ -129,7 +129,7 @@ def test_a_decomposed_mug_is_open_inside():
 
 
 def test_decomposition_follows_its_seed():
-    ring = trimesh.creation.annulus(0.03, 0.04, 0.1, sections=12)
+    ring = trimesh.creation.annulus(0.03, 0.04, 0.1, sections=6)
     first, second = (decompose(ring, threshold=0.2, seed=3) for _ in range(2))
     assert len(first) == len(second) > 2
     for one, two in zip(first, second, strict=True):

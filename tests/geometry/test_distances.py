@@ -98,7 +98,7 @@ def test_gap_and_normal_against_the_minkowski_difference(name_A, name_B):
     one, two = PIECES[name_A], PIECES[name_B]
     table = pack_pieces([[one], [two]])
     apart = 0
-    for X_WA, X_WB in random_poses(40, seed=1):
+    for X_WA, X_WB in random_poses(24, seed=1):
         distance, normal = minkowski_distance(one, X_WA, two, X_WB)
         contact = nearest_contact(table, X_WA, X_WB)
         assert contact["phi"] == pytest.approx(distance, abs=GAP_TOLERANCE)
@@ -108,7 +108,7 @@ def test_gap_and_normal_against_the_minkowski_difference(name_A, name_B):
         if distance > 1e-3:
             np.testing.assert_allclose(contact["n"], normal, atol=1e-6)
         apart += distance > 0.0
-    assert 4 < apart < 40, "the poses must cover gaps and penetrations"
+    assert 2 < apart < 24, "the poses must cover gaps and penetrations"
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_gap_and_normal_against_the_minkowski_difference(name_A, name_B):
 def test_gap_and_normal_of_cylinders_against_the_largest_separation(name_A, name_B):
     one, two = PIECES[name_A], PIECES[name_B]
     table = pack_pieces([[one], [two]])
-    for number, (X_WA, X_WB) in enumerate(random_poses(60, seed=2)):
+    for number, (X_WA, X_WB) in enumerate(random_poses(36, seed=2)):
         contact = nearest_contact(table, X_WA, X_WB)
         along = separations(one, X_WA, two, X_WB, contact["n"][None])[0]
         assert along == pytest.approx(contact["phi"], abs=GAP_TOLERANCE)

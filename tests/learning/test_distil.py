@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: MIT
+import shutil
+
 import numpy as np
 import pytest
 import torch
@@ -15,7 +17,7 @@ from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
-SHORT = DistilOptions(rounds=4, round_images=160, updates=8, batch_size=32, episodes=8)
+SHORT = DistilOptions(rounds=4, round_images=80, updates=8, batch_size=16, episodes=4)
 
 
 @pytest.fixture(scope="module")
@@ -59,9 +61,9 @@ def test_the_student_learns_to_act_from_images(tmp_path, teacher):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, teacher):
-    """Policy of a distillation that nobody kills."""
-    run = StageRun(tmp_path_factory.mktemp("whole"), "distil")
-    return train_distil(ToyWorlds(), teacher, toy_spec("rgb"), SHORT, run)
+    """Policy and folder of a distillation that nobody kills."""
+    folder = tmp_path_factory.mktemp("whole")
+    return train_distil(ToyWorlds(), teacher, toy_spec("rgb"), SHORT, StageRun(folder, "distil")), folder
 
 
 # While images of the third round are collected, and after all and four of the eight updates of the second.
@@ -85,17 +87,16 @@ def test_a_distillation_that_was_killed_goes_on_with_the_same_result(
         with np.load(kept) as file:
             assert len(file["losses"]) == updates
     rest = train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path / "b", "distil", resume=True))
-    a, b = weights(whole), weights(rest)
+    a, b = weights(whole[0]), weights(rest)
     assert all(np.array_equal(a[name], b[name]) for name in a)
     assert not kept.exists()
 
 
-def test_images_that_are_missing_are_named(tmp_path, teacher):
-    spec = toy_spec("rgb")
-    train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path, "distil"))
-    (tmp_path / "images" / "0001.npz").unlink()
+def test_images_that_are_missing_are_named(tmp_path, teacher, whole):
+    folder = shutil.copytree(whole[1], tmp_path / "copy")
+    (folder / "images" / "0001.npz").unlink()
     with pytest.raises(InputError, match=r"0001\.npz"):
-        train_distil(ToyWorlds(), teacher, spec, SHORT, StageRun(tmp_path, "distil", resume=True))
+        train_distil(ToyWorlds(), teacher, toy_spec("rgb"), SHORT, StageRun(folder, "distil", resume=True))
 
 
 def chunk(worlds, length, first=0):

@@ -3,6 +3,7 @@ import dataclasses
 import datetime
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -12,7 +13,7 @@ import torch
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import export
 from pinwm_drake.learning.actors import ImageActor
-from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.learning.bundle import ONNX_FILE, Bundle, read_bundle
 from pinwm_drake.learning.export import InMetres, check_exportable, export_policy, golden_samples
 from pinwm_drake.learning.golden import TOLERANCE
 from pinwm_drake.learning.policy import Policy
@@ -40,15 +41,25 @@ def test_a_network_that_cannot_be_exported_is_told_before_it_is_trained(monkeypa
 
 
 @pytest.fixture(scope="module")
-def bundle(tmp_path_factory, policy) -> Bundle:
-    return read_bundle(exported(tmp_path_factory.mktemp("export") / "bundle", policy))
+def place(tmp_path_factory, policy) -> Path:
+    return exported(tmp_path_factory.mktemp("export") / "bundle", policy)
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory, policy) -> onnx.ModelProto:
-    path = tmp_path_factory.mktemp("export") / "policy.onnx"
-    path.write_bytes(export.onnx_bytes(policy))
-    return onnx.load(path, load_external_data=False)
+def bundle(place) -> Bundle:
+    return read_bundle(place)
+
+
+@pytest.fixture
+def same_network(place, monkeypatch):
+    """Export writes the network that is there already, whatever the policy is."""
+    content = (place / ONNX_FILE).read_bytes()
+    monkeypatch.setattr(export, "onnx_bytes", lambda *_, **__: content)
+
+
+@pytest.fixture(scope="module")
+def model(place) -> onnx.ModelProto:
+    return onnx.load(place / ONNX_FILE, load_external_data=False)
 
 
 def in_metres(policy: Policy, images: np.ndarray, p_WP: np.ndarray) -> np.ndarray:
@@ -190,14 +201,12 @@ def test_what_cannot_be_exported_is_refused(policy, tmp_path):
     assert not out.exists()
 
 
-def test_a_bundle_appears_whole_or_not_at_all(policy, tmp_path, monkeypatch):
+@pytest.mark.usefixtures("same_network")
+def test_a_bundle_appears_whole_or_not_at_all(policy, tmp_path):
     out = tmp_path / "bundle"
-    wrong = untrained_policy(SPEC, gain=-1.4)
-    content = export.onnx_bytes(wrong)
-    with monkeypatch.context() as patch:
-        patch.setattr(export, "onnx_bytes", lambda *_, **__: content)
-        with pytest.raises(InputError, match=r"golden\.npz, row \d+: got .* m off; allowed: 1e-05 m between the two"):
-            exported(out, policy)
+    other = untrained_policy(SPEC, gain=-1.4)
+    with pytest.raises(InputError, match=r"golden\.npz, row \d+: got .* m off; allowed: 1e-05 m between the two"):
+        exported(out, other)
     assert list(tmp_path.iterdir()) == []
     out.mkdir()
     (out / "notes.txt").write_text("mine")
@@ -206,6 +215,7 @@ def test_a_bundle_appears_whole_or_not_at_all(policy, tmp_path, monkeypatch):
     assert [path.name for path in out.iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.usefixtures("same_network")
 def test_provenance_may_hold_what_yaml_can(policy, tmp_path):
     told = {"made": datetime.date(2026, 1, 2), "steps": {1: 2.5}, "name": "Größe"}
     folder = exported(tmp_path / "bundle", Policy(SPEC, policy.actor, told))

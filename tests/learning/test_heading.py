@@ -201,7 +201,7 @@ def sac(env, folder, **changes):
     return train_sac(env, flip_spec(head="dither"), options, StageRun(folder, "teacher", **changes))
 
 
-@pytest.mark.parametrize("train", [ppo, sac])
+@pytest.mark.parametrize("train", [ppo, pytest.param(sac, marks=pytest.mark.nightly)])
 def test_a_training_that_was_killed_within_a_round_goes_on_with_the_same_result(tmp_path, monkeypatch, train):
     monkeypatch.setattr(rounds, "_PERIOD", 0.0)
     whole, told = train(Turntable(), tmp_path / "a"), []

@@ -19,7 +19,7 @@ from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
-SHORT = PpoOptions(steps=1024, round_steps=256, n_steps=16, batch_size=64, n_epochs=2, episodes=8)
+SHORT = PpoOptions(steps=512, round_steps=128, n_steps=8, batch_size=32, n_epochs=2, episodes=4)
 
 
 class Killed(Exception):
@@ -45,8 +45,8 @@ def test_the_mean_of_the_levels_next_to_an_action_is_that_action():
 def test_it_learns_from_the_state(tmp_path):
     spec = toy_spec("state")
     options = PpoOptions(
-        steps=8_000,
-        round_steps=4_000,
+        steps=3_000,
+        round_steps=1_500,
         n_steps=32,
         batch_size=128,
         episodes=64,
@@ -132,7 +132,7 @@ def test_a_training_that_was_killed_goes_on_with_the_same_result(
     assert len(told) == 1 + 3 * redone - kept
     assert not (tmp_path / "b" / rounds.ROUND_FILE).exists()
     rows = list(csv.DictReader((tmp_path / "b" / "history.csv").read_text().splitlines()))
-    assert [int(row["steps"]) for row in rows] == [256, 512, 768, 1024]
+    assert [int(row["steps"]) for row in rows] == [128, 256, 384, 512]
 
 
 @pytest.mark.usefixtures("often")
@@ -157,8 +157,8 @@ def test_time_before_a_training_was_killed_counts(tmp_path, monkeypatch):
 def test_progress_tells_of_every_rollout(tmp_path):
     told = []
     train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", report=told.append))
-    assert [step.steps for step in told] == [0, 128, 256, 256, 384, 512, 512, 640, 768, 768, 896, 1024, 1024]
-    assert [step.done for step in told] == [step.steps / 1024 for step in told]
+    assert [step.steps for step in told] == [0, 64, 128, 128, 192, 256, 256, 320, 384, 384, 448, 512, 512]
+    assert [step.done for step in told] == [step.steps / 512 for step in told]
     assert np.isnan([told[0].success, *(value for step in told[:2] for value in (step.rate, step.left))]).all()
     assert all(step.rate > 0.0 and step.left >= 0.0 for step in told[2:])
     assert not np.isnan([(step.success, step.loss) for step in told[3:]]).any()
@@ -167,7 +167,7 @@ def test_progress_tells_of_every_rollout(tmp_path):
 @pytest.mark.usefixtures("often")
 def test_a_round_of_another_training_is_refused(tmp_path):
     def kill(step):
-        if step.steps == 256:
+        if step.steps == 128:
             raise Killed
 
     with pytest.raises(Killed):
@@ -177,17 +177,17 @@ def test_a_round_of_another_training_is_refused(tmp_path):
         train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", seed=1, resume=True))
 
 
-def test_another_seed_gives_another_policy(tmp_path):
-    spec = toy_spec("state")
-    a, b = (train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path / str(s), "p", seed=s)) for s in (0, 1))
-    assert not same(weights(a), weights(b))
+def test_another_seed_gives_another_policy(tmp_path, whole):
+    first, _ = whole("state", 0)
+    second = train_ppo(ToyWorlds(images=False), toy_spec("state"), SHORT, StageRun(tmp_path, "ppo", seed=1))
+    assert not same(weights(first), weights(second))
 
 
 def test_a_checkpoint_of_other_settings_is_refused(tmp_path):
-    spec = toy_spec("state")
-    train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path, "teacher"))
+    spec, short = toy_spec("state"), replace(SHORT, steps=SHORT.round_steps)
+    train_ppo(ToyWorlds(images=False), spec, short, StageRun(tmp_path, "teacher"))
     with pytest.raises(InputError, match="seed = 0"):
-        train_ppo(ToyWorlds(images=False), spec, SHORT, StageRun(tmp_path, "teacher", seed=1, resume=True))
+        train_ppo(ToyWorlds(images=False), spec, short, StageRun(tmp_path, "teacher", seed=1, resume=True))
 
 
 def test_the_actor_sees_images_alone_and_the_critic_the_state():

@@ -46,7 +46,7 @@ def test_masks_and_pose_with_a_mesh(tmp_path):
 
 
 def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
-    labels = write_photos(tmp_path)
+    labels = write_photos(tmp_path, views=cameras(6))
     (tmp_path / "static/masks").mkdir()
     mine = labels[3].copy()
     mine[150:155] = True
@@ -54,7 +54,7 @@ def test_a_hand_made_mask_stays_and_own_ones_are_made_anew(tmp_path):
     content = (tmp_path / "static/masks/003.png").read_bytes()
     assert mask_capture(tmp_path).kept == 1
     again = mask_capture(tmp_path)
-    assert (again.written, again.kept) == (9, 1)
+    assert (again.written, again.kept) == (5, 1)
     assert (tmp_path / "static/masks/003.png").read_bytes() == content
 
 
@@ -88,16 +88,16 @@ def test_the_painted_mask_of_one_photo_tells_two_things_apart(tmp_path):
         ("cut off", "the edge of the photo cuts"),
         ("millimetres", "is it in millimetres"),
         pytest.param("another unit", "in another unit", marks=pytest.mark.nightly),
-        ("swapped", "another object"),
+        pytest.param("swapped", "another object", marks=pytest.mark.nightly),
         ("mirrored", "the mirrored mesh fits"),
         ("two things", "masks hold two things, apart in images/00"),
         pytest.param("two things far apart", "a second thing stands at (5", marks=pytest.mark.nightly),
     ],
 )
 def test_what_is_wrong_is_named_in_a_line(tmp_path, case, words):
-    views, mesh, things = cameras(), None, [(block(), pose(), BLUE)]
+    views, mesh, things = cameras(7), None, [(block(), pose(), BLUE)]
     if case == "moved":
-        things = [things if k < 7 else [(block(), pose(0.06, 0.05), BLUE)] for k in range(10)]
+        things = [things if k < 5 else [(block(), pose(0.06, 0.05), BLUE)] for k in range(7)]
     if case.startswith("two things"):
         things = two_boxes(0.055 if "far" in case else 0.03)
     if case == "cut off":
@@ -184,7 +184,7 @@ def write_push(folder, name, X_WO, images=True):
 
 @pytest.mark.parametrize("with_mesh", [True, False])
 def test_pushes_start_where_their_start_yaml_says_and_may_have_no_film(tmp_path, with_mesh):
-    write_photos(tmp_path, mesh=block())
+    write_photos(tmp_path, views=cameras(7), mesh=block())
     X, start = pose(), pose(-0.05, 0.04, 0.1)
     scene = {"object": {"name": "block", "mesh": "meshes/object.obj", "X_WO": document(X)}, "schema_version": 1}
     scene["pusher"] = {"shape": {"kind": "sphere", "radius": 0.01}}
@@ -210,7 +210,7 @@ def document(X):
 
 
 def test_a_size_is_obeyed_or_told(tmp_path, pinwm):
-    write_photos(tmp_path, mesh=block())
+    write_photos(tmp_path, views=cameras(6), mesh=block())
     code, _, errors = pinwm("mask", str(tmp_path), "--size", "0.1")
     assert code == 1
     assert "--size: got 0.1 and a mesh" in errors

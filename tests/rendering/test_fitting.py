@@ -158,6 +158,7 @@ fit(views_around(mesh), mesh, SMALL, folder=Path(sys.argv[1]), progress=tell)
 """
 
 
+@pytest.mark.nightly
 def test_a_killed_fit_goes_on_to_the_same_bits(mesh, views, result, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", SCRIPT, str(tmp_path)]

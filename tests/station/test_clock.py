@@ -20,7 +20,9 @@ def push():
     return draw_push()
 
 
-@pytest.mark.parametrize(("seed", "offset"), [(1, -1.45), (2, 0.02), (3, 1.3)])
+@pytest.mark.parametrize(
+    ("seed", "offset"), [(1, -1.45), *(pytest.param(*one, marks=pytest.mark.nightly) for one in ((2, 0.02), (3, 1.3)))]
+)
 def test_offsets_are_found(seed, offset):
     push = draw_push(seed, offset)
     fit = find_clock(push.film(), FILM)

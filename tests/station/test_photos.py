@@ -66,9 +66,17 @@ def made(tmp_path_factory):
     return photos, load_station(folder / "station.yaml"), np.array(truth), apply(X_WB @ X_BM, p_M)
 
 
-def test_photos_are_posed_in_the_world_of_the_station(made, tmp_path):
-    photos, station, truth, p_W = made
+@pytest.fixture(scope="module")
+def written(made, tmp_path_factory):
+    """What was found of the photos, and the folder of the static views that were written."""
+    (photos, station, *_), folder = made, tmp_path_factory.mktemp("written")
     found = pose_photos(photos, LAB, station, silent)
+    write_photos(photos, found, folder)
+    return found, folder
+
+
+def test_photos_are_posed_in_the_world_of_the_station(made, written):
+    (_, station, truth, p_W), (found, folder) = made, written
     assert (found.names, found.left_out) == ([f"{k}.png" for k in range(NUMBER)], [])
     errors = []
     for X, X_WC in zip(found.X_WC, truth, strict=True):
@@ -79,18 +87,15 @@ def test_photos_are_posed_in_the_world_of_the_station(made, tmp_path):
         errors.append(1e3 * np.linalg.norm((M @ off[..., None])[..., 0], axis=1))
     assert np.median(errors) < MEDIAN
     assert np.max(errors) < WORST
-    write_photos(photos, found, tmp_path)
-    frames = read_transforms(tmp_path / TRANSFORMS)
+    frames = read_transforms(folder / TRANSFORMS)
     assert apart(from_pose(frames[3].X_WC), found.X_WC[3])[0] < 1e-6
 
 
-def test_a_pinhole_sees_the_board_where_its_pose_has_it(made, tmp_path):
-    photos, station, *_ = made
-    found = pose_photos(photos, LAB, station, silent)
-    write_photos(photos, found, tmp_path)
+def test_a_pinhole_sees_the_board_where_its_pose_has_it(made, written):
+    (_, station, *_), (_, folder) = made, written
     board = LAB.printed_board()
     p_W = []
-    for frame in read_transforms(tmp_path / TRANSFORMS)[:4]:
+    for frame in read_transforms(folder / TRANSFORMS)[:4]:
         seen = Detector(board).find(np.asarray(Image.open(frame.image_path).convert("L")))
         fx, fy, cx, cy = frame.camera.intrinsics.tolist()
         rays = np.column_stack([(seen.pixels - [cx, cy]) / [fx, fy], np.ones(len(seen.pixels))])

@@ -26,12 +26,14 @@ from tests.identification.samples import LEVEL, SHAPE, SIDE, TRUTH, write_captur
 
 FRAME = {"frame_x": 0.004, "frame_y": -0.003}
 NOISE = 2e-4  # m; a third of it at the rim for yaw
-QUICK = IdentifyOptions(num_threads=1, screened=24, starts=2, moves=12, time_step=1 / 120)
+QUICK = IdentifyOptions(num_threads=1, screened=24, starts=2, moves=8, time_step=1 / 120)
+STEPS = 144  # of 1/240 s, of a push
+END = STEPS / 240  # s, of a push: the cube lies still after 0.5 s
 
 
 def log(angle: float, aside: float) -> PusherTrajectory:
     """A push in the world of the cube, along a direction [rad] and beside the middle [m]."""
-    t = np.linspace(0.0, 0.8, 161)
+    t = np.linspace(0.0, END, 121)
     along = -0.5 * SIDE - 0.015 + 0.2 * np.minimum(t, 0.4)
     turn = quaternion_exp(torch.tensor([0.0, 0.0, angle], dtype=torch.float64))
     p = rotate(turn, torch.from_numpy(np.stack([along, 0 * t + aside, 0 * t + 0.5 * SIDE], -1))).numpy()
@@ -43,13 +45,13 @@ def write_push(folder, capture, name, pushed, seed=0):
     """An episode without a film: true poses with noise, and the log in the robot's frame."""
     scene = make_scene(capture.object.mesh_path, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
     X_WO = capture.object.X_WO
-    t = np.arange(0.0, 0.8, 0.02)
+    t = np.arange(0.0, END, 0.02)
     start = Pose(LEVEL[None], X_WO.p[None])
     found = rollout_poses(
         scene,
         Parameters.nominal(scene.model, **TRUTH),
         start,
-        pusher_motion(pushed, 0.0, 192, 1 / 240),
+        pusher_motion(pushed, 0.0, STEPS, 1 / 240),
         torch.from_numpy(t),
     )
     generator = np.random.default_rng(seed)
@@ -113,10 +115,10 @@ def test_forces_on_the_pusher_tell_the_mass_though_the_log_is_late(capture, tmp_
     shutil.copytree(capture, folder)
     read, pushed = load_capture(folder), log(0.0, 0.008)
     scene = make_scene(read.object.mesh_path, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
-    start, motion = Pose(LEVEL[None], read.object.X_WO.p[None]), pusher_motion(pushed, 0.0, 192, 1 / 240)
+    start, motion = Pose(LEVEL[None], read.object.X_WO.p[None]), pusher_motion(pushed, 0.0, STEPS, 1 / 240)
     parameters = Parameters.nominal(scene.model, **TRUTH)
     felt = np.cumsum(pusher_impulses(scene, parameters, start, motion)[:, 0], 0) * mass / float(parameters.mass)
-    felt = np.stack([np.interp(pushed.t, np.arange(1, 193) / 240, felt[:, axis]) for axis in range(3)], -1)
+    felt = np.stack([np.interp(pushed.t, np.arange(1, STEPS + 1) / 240, felt[:, axis]) for axis in range(3)], -1)
     force = np.diff(felt, axis=0, prepend=felt[:1]) / np.diff(pushed.t, prepend=-0.005)[:, None]
     write_push(folder, read, "0009", pushed)
     shift = np.array([FRAME["frame_x"], FRAME["frame_y"], 0.0])
@@ -137,8 +139,17 @@ def test_the_frame_predicts_another_push_of_the_same_robot(two, capture):
     assert blind.errors.position[-1] > 2.0 * found.errors.position[-1]
 
 
-def test_one_face_does_not_tell_frame_and_centre_of_mass_apart(capture, tmp_path):
-    one = identify(capture, tmp_path, episodes=["0001"], poses="object_poses.csv", options=QUICK).twin
+@pytest.fixture(scope="module")
+def one(capture, tmp_path_factory):
+    """Identified from one push, of whose poses a row jumps."""
+    folder, poses = tmp_path_factory.mktemp("one"), read_episode(load_capture(capture), "0001").object_poses
+    p = poses.p_WO.copy()
+    p[17] += [0.05, 0.0, 0.0]
+    write_pose_table(folder / "poses.csv", replace(poses, p_WO=p))
+    return identify(capture, folder / "twin", episodes=["0001"], poses=folder / "poses.csv", options=QUICK).twin
+
+
+def test_one_face_does_not_tell_frame_and_centre_of_mass_apart(one):
     # Along the face, which the push meets head on, both move the line of the push aside of the centre of mass.
     assert one.provenance["frame"]["note"].startswith("frame and centre of mass cannot be told apart along")
     assert abs(np.degrees(one.provenance["frame"]["angle"]) - 90.0) < 25.0
@@ -147,15 +158,9 @@ def test_one_face_does_not_tell_frame_and_centre_of_mass_apart(capture, tmp_path
     assert low < FRAME["frame_y"] < high
 
 
-def test_a_row_that_jumps_is_named_and_left_out(capture, tmp_path):
-    episode = read_episode(load_capture(capture), "0001")
-    poses = episode.object_poses
-    p = poses.p_WO.copy()
-    p[17] += [0.05, 0.0, 0.0]
-    write_pose_table(tmp_path / "poses.csv", replace(poses, p_WO=p))
-    found = identify(capture, tmp_path / "twin", episodes=["0001"], poses=tmp_path / "poses.csv", options=QUICK)
-    assert found.twin.provenance["poses"]["wrong_lines"] == {"0001/poses.csv": [19]}
-    assert found.twin.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.15)
+def test_a_row_that_jumps_is_named_and_left_out(one):
+    assert one.provenance["poses"]["wrong_lines"] == {"0001/poses.csv": [19]}
+    assert one.theta["friction_floor"].value == pytest.approx(TRUTH["friction_floor"], rel=0.15)
 
 
 def test_an_episode_without_a_film_is_refused_where_images_are_needed(capture, tmp_path):

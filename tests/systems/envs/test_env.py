@@ -2,6 +2,7 @@
 import subprocess
 import sys
 import warnings
+from itertools import product
 from pathlib import Path
 
 import gymnasium
@@ -28,8 +29,13 @@ def environment(engine="twin", **options):
     return TaskEnv(setup_of(), engine, **options)
 
 
-@pytest.mark.parametrize("engine", SLOW_NIGHTLY)
-@pytest.mark.parametrize("observation", ["state", "rgb"])
+@pytest.mark.parametrize(
+    ("observation", "engine"),
+    [
+        pytest.param(*one, marks=() if one in (("state", "point"), ("rgb", "twin")) else pytest.mark.nightly)
+        for one in product(("state", "rgb"), ENGINES)
+    ],
+)
 def test_it_passes_both_checkers(engine, observation):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -68,8 +68,14 @@ def test_rows_are_what_a_recording_says_across_resets_and_for_each_world(kind, n
     assert ends == sum(len(ACTIONS) // ENDS)
 
 
-@pytest.mark.parametrize("engine", ["twin", "point"])
-@pytest.mark.parametrize("observation", ["state", "rgb"])
+@pytest.mark.parametrize(
+    ("observation", "engine"),
+    [
+        ("state", "point"),
+        ("rgb", "twin"),
+        *(pytest.param(*one, marks=pytest.mark.nightly) for one in (("state", "twin"), ("rgb", "point"))),
+    ],
+)
 def test_an_environment_with_a_history_passes_both_checkers(engine, observation):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -21,7 +21,7 @@ def cube():
 
 def test_a_cube_is_flipped_in_the_twin(cube):
     env = TaskEnv(cube, "twin", COARSE)
-    policy = SamplingMpc(cube, env.task)
+    policy = SamplingMpc(cube, env.task, options=SamplingOptions(samples=64))
     observation, info = env.reset(seed=0)
     assert info["angle"] == pytest.approx(np.pi / 2)
     plans = None

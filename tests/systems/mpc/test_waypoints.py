@@ -10,7 +10,7 @@ from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_op
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
-QUICK = WaypointOptions(strokes=256, sieves=((1, 16), (8, 4)), attempts=2, replays=2, rounds=2, plans=4, starts=8)
+QUICK = WaypointOptions(strokes=128, sieves=((1, 16), (8, 4)), attempts=2, replays=2, rounds=2, plans=4, starts=8)
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,7 @@ def test_divided_triangles_are_the_same_surface():
     assert again.volume == pytest.approx(mesh.volume)
 
 
-RATES = Rates(24.0, 10, 16)
+RATES = Rates(24.0, 10, 8)
 
 
 def scenario(period):
@@ -58,7 +58,7 @@ def scenario(period):
     )
 
 
-@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.nightly), 16])
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.nightly), 8])
 def recorder(request):
     """The pusher's velocity changes at every step of the plant, or with the rows of the log."""
     return SceneRecorder(scenario(request.param * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)
@@ -126,4 +126,4 @@ def test_a_log_whose_rows_are_no_whole_number_of_periods_is_refused():
     with pytest.raises(
         ParameterError, match=r"a row of the pusher's log: got 0\.00416667 s; .* pusher\.period, 0\.003"
     ):
-        SceneRecorder(scenario(12 * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)
+        SceneRecorder(scenario(6 * RATES.time_step), RATES, Camera.from_field_of_view(32, 32, 0.7), 1)

@@ -103,7 +103,7 @@ def test_a_measured_mass_is_held(pushed):
 
 
 def test_poses_are_tracked_where_none_are_given(pushed):
-    result = found(pushed, exact=False, pushes=1)
+    result = found(pushed, CrossEntropyBudget(samples=8, elites=2, rounds=2), exact=False, pushes=1)
     assert result.twin.provenance["poses"] == "tracked"
     truth = pushed[1][0].object_poses
     assert pose_errors(result.poses[0], truth).position.max() < 5e-3

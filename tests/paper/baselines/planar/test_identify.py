@@ -93,10 +93,17 @@ def test_friction_and_centre_of_mass_are_found_again(pushed):
 
 def test_a_friction_is_looked_for_in_the_range_that_is_given(pushed):
     body, _ = pushed
-    poses, options = recorded(body, 0.9), replace(OPTIONS, starts=1, iterations=60)
+    poses = recorded(body, 0.9)
     usual, wide = (
-        identify_planar(body, poses, trajectory(), RADIUS, mass=MASS, options=replace(options, friction=ends))
-        for ends in ((0.005, 0.5), (0.05, 1.0))
+        identify_planar(
+            body,
+            poses,
+            trajectory(),
+            RADIUS,
+            mass=MASS,
+            options=replace(OPTIONS, starts=1, iterations=number, friction=ends),
+        )
+        for number, ends in ((15, (0.005, 0.5)), (60, (0.05, 1.0)))
     )
     assert usual.properties.friction_pusher < 0.5
     assert wide.properties.friction_pusher == pytest.approx(0.9, rel=0.2)
