@@ -160,8 +160,9 @@ def test_a_camera_as_filmed_shows_the_object_where_the_twin_says_that_it_does(tm
             x, y, z = X_CW.multiply(p)
             pixels.append(np.array([fy * y / z, fx * x / z]))  # rows, columns
         found, expected = places[1][world] - places[0][world], pixels[1] - pixels[0]
-        np.testing.assert_allclose(found, expected, atol=0.25)
-        assert np.linalg.norm(expected) > 0.6
+        # What is seen of a mug is up to 5 % nearer to the camera than its origin.
+        assert np.linalg.norm(found - expected) < 0.1 * np.linalg.norm(expected)
+        assert np.linalg.norm(expected) > 3.0
     with pytest.raises(ParameterError, match=r"--as-filmed.*view_x"):
         worlds_of(requests[2])
 
