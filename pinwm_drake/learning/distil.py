@@ -26,7 +26,7 @@ from pinwm_drake.learning.images.estimated import error_weights, estimation_loss
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.options import Options
 from pinwm_drake.learning.policy import Policy, make_actor
-from pinwm_drake.learning.rounds import EVALUATION_SEED, Rounds, StageRun
+from pinwm_drake.learning.rounds import EVALUATION_SEED, Round, Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.learning.weights import device_of, has_bfloat16, pack, set_weights, unpack, weights
 from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
@@ -84,7 +84,8 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
         run: The run, whose folder also has the images, and whose description names the teacher.
 
     Returns:
-        The best student, by its evaluations.
+        The student of the last round, which has learned most; the best one by its evaluation, where the last one is
+        worse by more than chance.
 
     Raises:
         InputError: A checkpoint cannot be used, or a file cannot be written.
@@ -127,7 +128,19 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
         loss = float(np.mean(losses[-max(1, len(losses) // 10) :]))
         found = evaluate_worlds(env, Policy(spec, student), options.episodes, seed=EVALUATION_SEED)
         rounds.end(pack(student, optimizer), student, found, steps=len(chunk.start), loss=loss)
-    return Policy(spec, rounds.best_actor(spec))
+    if is_worse(rounds.history[-1], rounds.best, options.episodes):
+        return Policy(spec, rounds.best_actor(spec))
+    last = make_actor(spec)
+    set_weights(last, weights(student))
+    return Policy(spec, last.eval())
+
+
+def is_worse(last: Round, best: Round | None, episodes: int) -> bool:
+    """Flag: a round is worse than the best by more than chance: two standard errors of the difference in success."""
+    if best is None:
+        return False
+    share = 0.5 * (last.success + best.success)
+    return last.success < best.success - 2.0 * math.sqrt(2.0 * share * (1.0 - share) / episodes)
 
 
 def _begin(

@@ -9,10 +9,10 @@ from torch.nn.functional import cross_entropy
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import distil, rounds
 from pinwm_drake.learning.actors import LEVELS, ImageActor, LevelActor
-from pinwm_drake.learning.distil import DistilOptions, train_distil
+from pinwm_drake.learning.distil import DistilOptions, is_worse, train_distil
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.policy import Policy
-from pinwm_drake.learning.rounds import StageRun
+from pinwm_drake.learning.rounds import Round, StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from pinwm_drake.tasks.push import PushTask
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -90,6 +90,17 @@ def test_a_distillation_that_was_killed_goes_on_with_the_same_result(
     a, b = weights(whole[0]), weights(rest)
     assert all(np.array_equal(a[name], b[name]) for name in a)
     assert not kept.exists()
+
+
+def test_the_last_round_is_taken_unless_it_is_worse_than_chance_explains():
+    def done(success):
+        return Round(0, 0, success, 10.0, 0.0, 0.0)
+
+    assert not is_worse(done(0.75), None, 64)
+    assert not is_worse(done(0.70), done(0.81), 64)  # 45 and 52 of 64: p = 0.15
+    assert is_worse(done(0.55), done(0.81), 64)
+    assert is_worse(done(0.90), done(1.0), 64)
+    assert not is_worse(done(0.97), done(1.0), 64)
 
 
 def test_images_that_are_missing_are_named(tmp_path, teacher, whole):
