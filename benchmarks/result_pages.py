@@ -131,7 +131,7 @@ def review() -> str:
 
 
 def elsewhere() -> str:
-    """Table of a teacher and a student of flips in engines without part in their training."""
+    """Table of a teacher of flips, and of its student that ships, in engines without part in their training."""
     words, rows = {engine: name for name, engine in _ENGINES.items()}, []
     for row in read("flip_elsewhere.json")["results"]:
         floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)
@@ -187,7 +187,7 @@ _PUSHES = (  # words, command, training seed, key in push.json
     ("same", "same", 2, "10 mm and 0.1 rad, seed 2"),
 )
 _FLIPS = (  # words, training seed, key in flip.json
-    ("mug, twin of two pokes (ships as `flip_mug`)", 0, "mug, seed 0"),
+    ("mug, twin of two pokes", 0, "mug, seed 0"),
     ("mug, twin of two pokes", 1, "mug, seed 1"),
     ("mug, twin of two pokes", 2, "mug, seed 2"),
     ("mug, twin of one poke", 0, "mug, twin of one poke"),

@@ -33,6 +33,7 @@ from pinwm_drake.systems.scenario.at_station import at_station, latency_of
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.tasks import DEFAULT_TASK
+from pinwm_drake.tasks.recipe import Recipe
 from pinwm_drake.tasks.registry import changed_task, recipe_of
 from pinwm_drake.tasks.task import Task
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE
@@ -132,10 +133,12 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         given["goal_range"] = (request.goal_reach, request.goal_reach, request.goal_turn)
     task: dict[str, Any] | None = given if request.task is None else {"name": request.task} | given
     recipe = recipe_of(request.task or setup.task)
-    size, latency = request.image_size or recipe.image_size, request.latency or recipe.latency
     history = request.history
     if history is None:
         history = 0 if request.method == "ppo" else recipe.history
+    # A stack of large images costs too much, and a student that sees images one by one keeps parts of them.
+    size = request.image_size or (recipe.image_size if history else Recipe.image_size)
+    latency = request.latency or recipe.latency
     if station is not None:
         setup = at_station(replace(setup, task=changed_task(setup.task, task)), station)
         task, size, latency = None, setup.camera.width, request.latency or latency_of(station.document)

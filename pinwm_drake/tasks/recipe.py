@@ -32,7 +32,7 @@ class Recipe:
         light: Largest share of its colour that a side of the object loses in the images of a training, in a light that
             each episode draws; and all of the object once more.
         possible: Ranges of theta, by name, in which plans of this task have done it; empty where all was tried.
-        image_size: px, size of the images of policies.
+        image_size: px, size of the images of policies with a history; those without have the default.
         history: Number of the last actions that policies see; 0 where PPO learns from images.
         latency: s, least and largest delay of an action that policies are trained for; with a station, its own counts.
         assembly: Function of the task and of the corners `low` and `high`, each (action_size,) m, world, of the

@@ -110,12 +110,13 @@ def test_a_twin_learns_to_flip_in_the_scene_of_that_task(tmp_path):
 
 def test_what_is_late_and_seen_of_a_flip_is_the_tasks_where_nothing_is_said(tmp_path):
     flip = worlds_of(TrainRequest("flip_mug", tmp_path, worlds=2)).options
-    assert (flip.image_size, flip.frames, flip.history) == (128, 3, 2)
+    assert (flip.image_size, flip.frames, flip.history) == (256, 3, 2)
     assert (flip.latency, flip.lag) == ((0.0, 0.12), (0.0, 0.0))
     given = TrainRequest("flip_mug", tmp_path, worlds=2, image_size=32, history=0, latency=(0.0, 0.0), lag=(0.0, 0.01))
     flip = worlds_of(given).options
     assert (flip.image_size, flip.history, flip.latency, flip.lag) == (32, 0, (0.0, 0.0), (0.0, 0.01))
-    assert worlds_of(TrainRequest("flip_mug", tmp_path, worlds=2, method="ppo")).options.history == 0
+    stacked = worlds_of(TrainRequest("flip_mug", tmp_path, worlds=2, method="ppo")).options
+    assert (stacked.image_size, stacked.history) == (64, 0)
     push = worlds_of(TrainRequest("push_t", tmp_path, worlds=2)).options
     assert (push.image_size, push.history, push.latency, push.lag) == (64, 0, (0.0, 0.0), (0.0, 0.0))
 
