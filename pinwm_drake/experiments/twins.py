@@ -158,7 +158,7 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
 
 def task_doubts(twin: Twin, pushes: Sequence[Episode]) -> list[str]:
     """Sentences on frictions with which the tasks that are filmed by pokes are not known to be possible; of pokes."""
-    if all(push.trajectory.motion == "push" for push in pushes):
+    if not any(push.trajectory.motion == "poke" for push in pushes):
         return []
     recipes = [recipe_of(name) for name in task_names()]
     return [doubt for one in recipes if one.motion == "poke" for doubt in one.doubts(known_ranges(twin))]

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import pinwm_drake as pw
+from pinwm_drake.capture.episode_tables import PusherTrajectory
 from pinwm_drake.experiments import twins
 
 
@@ -36,7 +37,8 @@ def test_the_surfels_of_another_twin_are_used_and_none_are_fitted(tmp_path, monk
 @pytest.mark.parametrize(("up", "told"), [(0.0, 0), (0.04, 1)])
 def test_frictions_beyond_those_of_flips_are_told_after_pokes_alone(up, told):
     twin = pw.load_setup("flip_mug").with_theta(friction_floor=0.6).twin
-    way = SimpleNamespace(p_WP=np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.03 + up]]))
+    p_WP = np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.03 + up]])
+    way = PusherTrajectory(np.arange(2.0), p_WP, np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)), np.zeros((2, 3)), None)
     found = twins.task_doubts(twin, [SimpleNamespace(trajectory=way)])
     assert len(found) == told
     assert all(one.startswith("friction_floor is 0.6; flip_mug is known") for one in found)
