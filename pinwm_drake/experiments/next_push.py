@@ -27,6 +27,7 @@ from pinwm_drake.capture.episode_tables import Motion, PusherTrajectory
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
 from pinwm_drake.capture.scene import PusherShape, load_capture
+from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh, mass_properties
 from pinwm_drake.identification.discrepancy import prior_root
@@ -48,7 +49,7 @@ _LONGEST = 2.0  # s, of a motion
 _AFTERWARDS = {"push": 0.4, "poke": 0.8}  # s, of video after the pusher stops
 _FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
 _MUCH = 0.5  # of the most information: what a push tells that is chosen for one unknown
-_KNOWN = 0.1  # relative half-width of an interval up to which cousins cover it
+_KNOWN = CousinDomains.delta  # relative half-width of an interval up to which cousins cover it
 _ATTEMPTS = 20  # for each candidate that is to stay in the box
 
 
@@ -82,7 +83,7 @@ class Proposal:
         X_WO: Pose of the object before a push, q (4,), p (3,) [m].
         tolerance: Spread that is good enough: m, rad.
         confusion: Direction in which frame and centre of mass are not told apart; None where they are.
-        deciding: Friction that the first poke is chosen for; None for pushes, and where all are known well enough.
+        deciding: Friction that the first poke is chosen for; None where none is chosen so.
     """
 
     candidates: list[Candidate]
@@ -171,14 +172,14 @@ def next_push(
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
     candidates.sort(key=lambda one: -one.information)
-    deciding = deciding_friction(twin) if motion == "poke" else None
-    for unknown in (None if confused is None else "frame", deciding):
-        if unknown in candidates[0].remaining:
-            enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
-            best = min(enough, key=lambda one: one.remaining[unknown])
-            candidates.sort(key=lambda one: one is not best)
-            break
-    return Proposal(candidates, X_WO, tolerance, confused, deciding)
+    unknown = "frame" if confused is not None else deciding_friction(twin) if motion == "poke" else None
+    if unknown is not None and unknown not in candidates[0].remaining:
+        unknown = None  # all draws have the same value
+    if unknown is not None:
+        enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
+        best = min(enough, key=lambda one: one.remaining[unknown])
+        candidates.sort(key=lambda one: one is not best)
+    return Proposal(candidates, X_WO, tolerance, confused, None if confused is not None else unknown)
 
 
 def deciding_friction(twin: Twin) -> str | None:

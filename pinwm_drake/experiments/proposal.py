@@ -74,7 +74,7 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
             f"the pusher passes {1e3 * abs(aside):.0f} mm to the {side} of the centre of mass: "
             f"the object turns {way}, seen from above"
         )
-    if proposal.deciding is not None and proposal.deciding in best.remaining:
+    if proposal.deciding is not None:
         lines.append(f"whether it turns over depends on {proposal.deciding}, which this poke tells best")
     told = expectations(twin, best)
     if told and best.remaining[told[0].parameter] < _TOLD:

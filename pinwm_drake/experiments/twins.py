@@ -157,7 +157,7 @@ def read_tables(capture: Capture, pushes: Sequence[Episode], poses: Path) -> lis
 
 
 def task_doubts(twin: Twin, pushes: Sequence[Episode]) -> list[str]:
-    """Sentences on frictions with which the tasks that are filmed by pokes are not known to be possible; of pokes."""
+    """Sentences on frictions with which tasks of pokes are not known to be possible; none where no push is a poke."""
     if not any(push.trajectory.motion == "poke" for push in pushes):
         return []
     recipes = [recipe_of(name) for name in task_names()]

@@ -333,6 +333,7 @@ class ImageActor(nn.Module):
             tint = None if tint is None else tint.repeat(self._frames, 1)
         place = None
         if self.window is None:
+            assert tint is None, "a tint is of parts"
             dark = self.darken(image)
         else:
             dark, place = self.window(image, corner, tint)

@@ -211,8 +211,10 @@ def _learn(
         for group in optimizer.param_groups:
             group["lr"] = rate
         drawn = [torch.from_numpy(one) for one in frames.draw(options.batch_size, generator)]
-        tint = augment.factors(len(drawn[0])).to(device) if augment.tints and student.sees_parts else None
-        if tint is None:
+        tint = None
+        if augment.changes_colours_alone and student.sees_parts:
+            tint = augment.factors(len(drawn[0])).to(device)
+        else:
             drawn[0] = augment.as_images(drawn[0])
         images, pusher, state, goal, corner = (one.to(device) for one in drawn)
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None

@@ -29,8 +29,8 @@ class Recipe:
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
-        light: Largest share of its colour that a side of the object loses in the images of a training, in a light that
-            each episode draws; and all of the object once more.
+        light: Largest share of its colour that the darkest side of the object loses in the light of an episode of
+            training; the whole object loses up to as much once more.
         possible: Ranges of theta, by name, in which plans of this task have done it; empty where all was tried.
         image_size: px, size of the images of policies with a history; those without have the default.
         history: Number of the last actions that policies see; 0 where PPO learns from images.

@@ -74,7 +74,7 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._desired = self.DeclareVectorInputPort("desired_state", 6)
         self._wanted = self.DeclareVectorInputPort("wanted", 3)
         self._measured = self.DeclareVectorInputPort("robot_state", 2 * JOINTS)
-        self._brakes = False
+        self._stuck = False  # the last time, so that the log says it once
         self._held = self.DeclareDiscreteState(BasicVector(np.zeros(2 * JOINTS + _SIZE + 1)))
         self.DeclareInitializationDiscreteUpdateEvent(unowned(self, self._Begin))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, unowned(self, self._Update))
@@ -127,13 +127,13 @@ class JointTracker(LeafSystem):  # type: ignore[misc]  # pydrake has no usable t
         self._bounds.evaluator().UpdateCoefficients(_BOUNDED, np.concatenate(low), np.concatenate(high))
         result = self._solver.Solve(self._program, None, self._options)
         plan = result.GetSolution(self._unknowns)
-        none = not np.isfinite(plan).all()
-        if none:
+        stuck = not np.isfinite(plan).all()
+        if stuck:
             plan = np.tile(-v / _STEP, _STEPS)
-        if none and not self._brakes:
-            words = "JointTracker: no plan for angles %s rad (%s); the joints brake"
-            _log.warning(words, q.round(3).tolist(), result.get_solution_result().name)
-        self._brakes, plan = none, plan.reshape(_STEPS, JOINTS)
+            if not self._stuck:
+                words = "JointTracker: no plan for angles %s rad (%s); the joints brake"
+                _log.warning(words, q.round(3).tolist(), result.get_solution_result().name)
+        self._stuck, plan = stuck, plan.reshape(_STEPS, JOINTS)
         plan[0] = np.clip(plan[0], first_low, first_high)
         return np.asarray(plan)
 

@@ -4,7 +4,6 @@
 import numpy as np
 import torch
 import trimesh
-from scipy.spatial.transform import Rotation
 
 from pinwm_drake.rendering.camera import Camera
 from pinwm_drake.rendering.kernels.light import light_surfels
@@ -12,6 +11,8 @@ from pinwm_drake.rendering.occluder import mesh_depth
 from pinwm_drake.rendering.render import Rendering, narrow_disc, narrow_width, render
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix
+from pinwm_drake.threads import available, share
 
 _NEAR = 1e-3  # m
 # Alpha of surfels that is enough to tell their colour. The outline is the mesh's: with 0.5 here, 6 % of a small image's
@@ -38,7 +39,7 @@ class WorldImages:
         self._object = np.asarray(object_mesh.vertices), np.asarray(object_mesh.faces)
         self._pusher = np.asarray(pusher_mesh.vertices), np.asarray(pusher_mesh.faces)
         self._p_OS = np.ascontiguousarray(surfels.p_OS.numpy(), np.float32)
-        self._n_OS = Rotation.from_quat(surfels.q_OS.numpy(), scalar_first=True).as_matrix()[..., 2].astype(np.float32)
+        self._n_OS = quaternion_to_matrix(normalize_quaternion(surfels.q_OS))[..., 2].float().contiguous().numpy()
 
     def take(
         self, object_state: np.ndarray, p_WP: np.ndarray, sh: torch.Tensor, X_CW: np.ndarray, lights: np.ndarray
@@ -75,7 +76,7 @@ class WorldImages:
         lit = np.empty((len(lights), *given.shape[1:]), np.float32)
         lights_O = np.concatenate([lights[:, :1], _turned_back(q_WO, lights[:, 1:])], axis=1, dtype=np.float32)
         eyes = -_turned_back(q_CO, p_CO).astype(np.float32)
-        light_surfels(given, self._p_OS, self._n_OS, eyes, lights_O, lit, 0, len(lights))
+        share(light_surfels, (given, self._p_OS, self._n_OS, eyes, lights_O, lit), len(lights), available())
         return torch.from_numpy(lit)
 
     def _visible(self, q_CO: np.ndarray, p_CO: np.ndarray, p_WP: np.ndarray, X_CW: np.ndarray) -> np.ndarray:

@@ -86,8 +86,8 @@ class Worlds:
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         blur: Flag: the states that are seen have errors, as estimates from images have: `Task.blurred`. False at first.
-        light: Largest share of its colour that a side of the object loses in the light of an episode, and all of the
-            object once more; 0, for the light that the twin was filmed in, at first.
+        light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the
+            whole object loses up to as much once more. 0 at first: the light that the twin was filmed in.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
             None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
@@ -367,7 +367,7 @@ def progress_info(progress: Progress, world: int) -> dict[str, Any]:
 
 
 def _drawn_light(generator: np.random.Generator, most: float) -> np.ndarray:
-    """Light (4,) whose darkest side has a share less of colours, up to `most`, and all of it another share less."""
+    """Random light (4,): the darkest side loses a share of its colour, up to `most`, and the whole object another."""
     whole, side = 1.0 - most * generator.random(2)
     way = generator.standard_normal(3)
     return whole * np.array([0.5 * (1.0 + side), *(0.5 * (1.0 - side) * way / np.linalg.norm(way))])

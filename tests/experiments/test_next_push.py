@@ -140,5 +140,9 @@ def test_where_frame_and_centre_go_together_a_push_of_another_face_is_proposed(t
     assert best.remaining["frame"] == min(
         one.remaining["frame"] for one in found.candidates if one.information >= 0.5 * found.candidates[1].information
     )
+    wide = {**twin.theta, "friction_pusher": dataclasses.replace(twin.theta["friction_pusher"], interval=(0.01, 9.0))}
+    poke = next_push(dataclasses.replace(twin, draws=draws, theta=wide), motion="poke", number=2, draws=4)
+    assert poke.confusion is not None
+    assert poke.deciding is None  # the first one is chosen for the frame
     # Along x again nothing would be told; along y the push comes sooner or later by the frame.
     assert abs(best.motion.direction_W[1]) > 0.5

@@ -25,8 +25,8 @@ class Augment:
         self._shift, self._gain, self._mask = shift, gain, mask
 
     @property
-    def tints(self) -> bool:
-        """Flag: no more is changed than the darkness, by `factors`."""
+    def changes_colours_alone(self) -> bool:
+        """Flag: nothing is moved or frayed, so that `factors` of the darkness are all that is changed."""
         return not (self._shift or self._mask)
 
     def factors(self, number: int) -> Tensor:

@@ -86,7 +86,8 @@ class Window(nn.Module):
             tint: (B, 3 k) factors of the darkness of images that are parts as `part` gave them, so that their windows
                 are known; None for other images.
         """
-        if tint is not None and corner is not None:
+        if tint is not None:
+            assert corner is not None, "a tint is of parts"
             part = image[:, _BORDER:-_BORDER, _BORDER:-_BORDER]
             window = part.float().sub_(255.0).mul_((tint / -255.0)[:, None, None]).clamp_(max=1.0).permute(0, 3, 1, 2)
             x, y = (corner[:, axis] + (_BORDER + self._side // 2) for axis in (0, 1))

@@ -196,10 +196,10 @@ class WorldModel(LeafSystem):  # type: ignore[misc]  # pydrake has no usable typ
         they are, in the light that they were filmed in.
 
         Raises:
-            StateError: There is no such world, or a number is not finite.
+            StateError: There is no such world, or it is not 4 finite numbers.
         """
         worlds, vector = self._worlds(world), context.get_mutable_numeric_parameter(self._lights)
-        if not np.isfinite(light).all():
+        if np.shape(light) != (4,) or not np.isfinite(light).all():
             raise StateError(f"light: got {np.asarray(light).tolist()}; allowed: 4 finite numbers")
         values = vector.CopyToVector().reshape(self.num_worlds, 4)
         values[worlds] = light

@@ -214,6 +214,9 @@ def test_a_light_from_above_shows_the_upper_side_alone_and_turns_not_with_the_ob
         world.SetLight(context, np.ones(4), 2)
     with pytest.raises(StateError, match=r"light: got .*nan.*; allowed: 4 finite numbers"):
         world.SetLight(context, [np.nan, 0.0, 0.0, 0.0])
+    for light in (0.5, [0.0, 0.0, 1.0]):
+        with pytest.raises(StateError, match=r"light: got .*; allowed: 4 finite numbers"):
+            world.SetLight(context, light)
 
 
 def test_images_are_rendered_only_when_asked_for_and_once(one, monkeypatch):
