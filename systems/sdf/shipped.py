@@ -6,6 +6,7 @@ NAME/NAME.obj come NAME.sdf with NAME_contact.obj and NAME_support.vtk, for hydr
 with pieces/NAME_k.obj, for point contact. Mass is 1 kg, friction of every pair 0.1, restitution 0.
 """
 
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -46,19 +47,20 @@ def shipped_uri(name: str) -> str:
     return f"package://{PACKAGE_NAME}/{name}"
 
 
-def shipped_pieces(name: str) -> list[ConvexPiece]:
+@cache
+def shipped_pieces(name: str) -> tuple[ConvexPiece, ...]:
     """Convex pieces of a shipped object, exactly; frame O, m."""
     if name == "cube":
-        return [box(np.full(3, 0.06))]
+        return (box(np.full(3, 0.06)),)
     if name == "mug":
-        return hollow_mug(segments=_MUG_SEGMENTS)
+        return tuple(hollow_mug(segments=_MUG_SEGMENTS))
     if name == "mug_handle":
         parts = [piece.vertices for piece in hollow_mug(segments=_MUG_SEGMENTS)]
         for part in HANDLE_PARTS:
             parts.append(np.concatenate([np.insert(part, 1, y, axis=1) for y in (-HANDLE_WIDTH, HANDLE_WIDTH)]))
-        return [convex_hull(part - HANDLE_CENTER) for part in parts]
+        return tuple(convex_hull(part - HANDLE_CENTER) for part in parts)
     pieces = t_block()
-    return pieces if name == "t_block" else [convex_hull(LARGE_T * piece.vertices) for piece in pieces]
+    return tuple(pieces if name == "t_block" else (convex_hull(LARGE_T * piece.vertices) for piece in pieces))
 
 
 def piece_names(name: str, number: int) -> list[str]:

@@ -14,7 +14,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.geometry.pieces import CYLINDER, HULL, SPHERE, ConvexPiece
 from pinwm_drake.systems.sdf import contact as settings
-from pinwm_drake.systems.sdf.collision import as_box
+from pinwm_drake.systems.sdf.collision import as_box, plain_pieces
 
 _GREY = "0.3 0.3 0.32 1"
 
@@ -115,7 +115,7 @@ def object_point_sdf(
 
     Args:
         pieces: Convex pieces of the object, frame O, m.
-        uris: URI of the mesh of each; those of boxes and of round pieces are not used.
+        uris: URI of the mesh of each; those of `plain_pieces` that are no hulls are not used.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
         discs: Cylinders that meet the floor as well, frame O, m.
     """
@@ -123,7 +123,7 @@ def object_point_sdf(
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
     parts = [_inertial(solid), _visual(_mesh(visual))]
-    parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(pieces, uris, strict=True))]
+    parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(plain_pieces(pieces), uris, strict=True))]
     parts += [
         _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
     ]
