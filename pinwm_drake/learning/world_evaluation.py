@@ -25,7 +25,7 @@ def evaluate_worlds(
     The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds
     each world runs one, and no action is wasted but those of worlds that wait for the longest. All of them begin where
-    the scene says, also in worlds of a training that begin elsewhere at times (`waypoints`).
+    the scene says, also in worlds of a training that begin elsewhere at times (`waypoints`, `continued`).
 
     Args:
         env: The worlds; `infos` at the end of an episode have `distance`, `angle` and `success` or `is_success`.
@@ -51,18 +51,18 @@ def evaluate_worlds(
 @contextmanager
 def usual_starts(env: VecEnv) -> Iterator[None]:
     """Worlds whose episodes all begin where the scene says, for the time being."""
+    usual = {"waypoints": Waypoints(), "continued": 0.0}
     try:
-        known = env.get_attr("waypoints")[0]
+        known = {name: env.get_attr(name)[0] for name in usual}
     except AttributeError:  # worlds of no task
-        known = ()
-    if not known:
-        yield
-        return
-    env.set_attr("waypoints", Waypoints())
+        known = {}
+    for name in known:
+        env.set_attr(name, usual[name])
     try:
         yield
     finally:
-        env.set_attr("waypoints", known)
+        for name, value in known.items():
+            env.set_attr(name, value)
 
 
 def _run(

@@ -26,6 +26,7 @@ class Recipe:
         level_vectors: Indices in the state of the x of each vector, whose y follows, where there is a heading.
         disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
             them: as far as engines differ, where little things have other outcomes.
+        continued: Share of the episodes of a training that begin where the one before met its time limit.
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
@@ -59,6 +60,7 @@ class Recipe:
     heading: int | None = None
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
+    continued: float = 0.0
     most_force: float | None = None
     light: float = 0.0
     possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -128,6 +128,7 @@ class TrainingWorlds:
             **domains.about(),
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": recipe.disturbance,
+            **({"continued": recipe.continued} if recipe.continued else {}),
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
             **({"light": recipe.light} if recipe.light else {}),
             **({"blur": list(setup.task.errors)} if setup.task.errors else {}),
@@ -148,6 +149,7 @@ class TrainingWorlds:
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
         worlds, recipe = env.worlds, recipe_of(task)
         worlds.waypoints, worlds.disturbance, worlds.most_force = self.waypoints, recipe.disturbance, recipe.most_force
+        worlds.continued = recipe.continued
         worlds.blur, worlds.light = observation == "state", recipe.light
         return env
 

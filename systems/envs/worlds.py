@@ -83,6 +83,9 @@ class Worlds:
         observation_space, action_space: Spaces of one world.
         waypoints: States in which most episodes of a training begin, so that all of the way to the goal is met; none at
             first, and none within `usual_starts`.
+        continued: Share of the episodes of a training that begin where the one before met its time limit, so that a
+            policy learns to try again; 0 at first, and within `usual_starts`. An object that the pusher cannot reach
+            begins anew.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         blur: Flag: the states that are seen have errors, as estimates from images have: `Task.blurred`. False at first.
@@ -119,6 +122,7 @@ class Worlds:
         self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
+        self.continued, self._late = 0.0, np.zeros(num_worlds, bool)
         self.most_force: float | None = None
         self.blur, self.light = False, 0.0
         horizon = self.setup.scenario.pusher.horizon
@@ -163,6 +167,7 @@ class Worlds:
             if seed is not None:
                 self._random[world] = seeding.np_random(seed)[0]
         self.run.restart()
+        self._late[:] = False
         self.begin(np.arange(self.num_worlds), options)
         return self.observe()
 
@@ -184,7 +189,9 @@ class Worlds:
             if self.light and self._observer.needs_images:
                 self.run.set_light(_drawn_light(generator, self.light), world)
             row = None
-            if not given and len(self.waypoints) and generator.random() < _MIDWAY:
+            if not given and self._late[world] and generator.random() < self.continued:
+                self.run.set_world_state(self._object_state[world], self._p_WP[world], world)
+            elif not given and len(self.waypoints) and generator.random() < _MIDWAY:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
@@ -196,6 +203,7 @@ class Worlds:
                 asked[world] = self.waypoints.before(row, self.actions_before)
                 self._delay.recall(world, asked[world][: self._delay.depth])
         self._steps[worlds] = 0
+        self._late[worlds] = False
         self._take_state()
         self._observer.forget(self._object_state, self._p_WP, self._goal, worlds)
         for world, actions in asked.items():
@@ -246,10 +254,16 @@ class Worlds:
         progress = replace(progress, success=progress.success & ~hard)
         terminated = (progress.success | hard) & ~failed
         truncated = failed | ((self._steps >= self.max_steps) & ~terminated)
+        self._late = truncated & ~failed & self._within_reach() if self.continued else np.zeros_like(failed)
         if self._observer.needs_images and not failed.all():
             self._observer.see(self._spoilt(self.run.images(), np.arange(self.num_worlds)))
         reward = self.task.rewards(before, progress)
         return Advance(reward, terminated, truncated, progress, self._steps.copy(), failures)
+
+    def _within_reach(self) -> np.ndarray:
+        """Flags (W,): the object's origin is where the pusher can be."""
+        p_WO, pusher = self._object_state[:, 4:6], self.setup.scenario.pusher
+        return np.asarray(((p_WO > pusher.low[:2]) & (p_WO < pusher.high[:2])).all(axis=1))
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
