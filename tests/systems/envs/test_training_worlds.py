@@ -5,7 +5,7 @@ import pytest
 from pinwm_drake.cousins.cousin import CousinDraw
 from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.learning.world_evaluation import evaluate_worlds
+from pinwm_drake.learning.world_evaluation import evaluate_worlds, usual_starts
 from pinwm_drake.systems.envs.training_worlds import DomainPool, TrainingWorlds, training_options
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.scenario.start import StartDistribution
@@ -160,6 +160,41 @@ def test_episodes_of_a_training_begin_at_waypoints_too_and_those_of_its_evaluati
     env.set_options({"p_WP": np.array([0.2, 0.0, 0.1])})  # what is asked for is given
     env.reset()
     np.testing.assert_allclose(env.worlds.run.p_WP, [[0.2, 0.0, 0.1]] * 16, atol=1e-6)
+
+
+def test_episodes_of_a_training_go_on_where_the_one_before_met_its_time_limit_and_begin_anew_out_of_reach():
+    options = training_options(image_size=16, max_steps=1)
+    worlds = TrainingWorlds("flip_cube", options, num_worlds=64, domains=CousinDomains(0.0))
+    env, policy = worlds.task_worlds("state"), Still()
+    env.worlds.blur = False
+    env.seed(1)
+    env.reset()
+    state = np.zeros((64, 13))
+    state[:, 0], state[:, 4], state[:, 6] = 1.0, 0.1, env.worlds.task.height
+    state[32:, 4] = 0.5  # beyond the pusher's range
+
+    def go_on():
+        env.worlds.set_object_states(state, np.tile([-0.2, 0.2, 0.1], (64, 1)))
+        return env.step(np.zeros((64, 3)))
+
+    _, _, done, infos = go_on()
+    assert done.all()
+    assert all(info["TimeLimit.truncated"] for info in infos)
+    there = np.isclose(env.worlds.run.p_WP, [-0.2, 0.2, 0.1], atol=1e-6).all(1)
+    assert not there[32:].any()
+    assert 16 < there[:32].sum() < 32  # three quarters of them
+    assert np.allclose(env.worlds.run.object_state[:32][there[:32], 4:7], state[0, 4:7], atol=1e-3)
+    assert worlds.about["continued"] == 0.75
+    evaluate_worlds(env, policy, 128, seed=1)
+    assert env.worlds.continued == 0.75
+    with usual_starts(env):
+        go_on()
+    assert not np.isclose(env.worlds.run.p_WP, [-0.2, 0.2, 0.1], atol=1e-6).all(1).any()
+    env.worlds.set_object_states(state, np.tile([-0.2, 0.2, 0.1], (64, 1)))
+    env.worlds.advance(np.zeros((64, 3)))
+    env.reset()  # a new run of the worlds begins where the scene says
+    assert not np.isclose(env.worlds.run.p_WP, [-0.2, 0.2, 0.1], atol=1e-6).all(1).any()
+    assert "continued" not in TrainingWorlds("push_t", num_worlds=1).about
 
 
 def test_velocities_in_a_training_of_flips_are_disturbed_in_shares_of_themselves():
