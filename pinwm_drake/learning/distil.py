@@ -22,7 +22,7 @@ from pinwm_drake.checkpoints import generator_state, set_generator_state
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.estimated import error_weights, estimation_loss
+from pinwm_drake.learning.images.estimated import estimation_loss, shown_components, usual_errors
 from pinwm_drake.learning.images.image_buffer import Chunk, Frames
 from pinwm_drake.learning.options import Options
 from pinwm_drake.learning.policy import Policy, make_actor
@@ -204,13 +204,15 @@ def _learn(
 ) -> Iterator[None]:
     """Update of a round, from the one after those whose losses are in `losses`; yield after each."""
     total, device = options.rounds * options.updates, device_of(student)
-    counted = error_weights(student.task, student.history, device)
+    errors = usual_errors(student.task, student.history, device)
     for update in range(len(losses), options.updates):
         share = (number * options.updates + update) / total
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate
         drawn = [torch.from_numpy(one) for one in frames.draw(options.batch_size, generator)]
+        # Images that are seen one by one, each with its own state.
+        shown = shown_components(drawn[0], student.task, student.history).to(device) if student.history else None
         tint = None
         if augment.changes_colours_alone and student.sees_parts:
             tint = augment.factors(len(drawn[0])).to(device)
@@ -219,8 +221,8 @@ def _learn(
         images, pusher, state, goal, corner = (one.to(device) for one in drawn)
         drawn_goal, parts = goal if goal.shape[1] else None, corner if student.sees_parts else None
         found = student.state(images, pusher, drawn_goal, parts, tint)
-        loss = estimation_loss(found, state, counted)
-        if counted is None:
+        loss = estimation_loss(found, state, errors, shown)
+        if errors is None:
             loss = loss + options.action_weight * student.actor.imitation(found, state)
         optimizer.zero_grad()
         loss.backward()

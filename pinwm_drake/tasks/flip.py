@@ -144,21 +144,6 @@ class FlipTask(Task):
         values[:, 15:18] = (p_WP - p_WO) / LENGTH
         return np.clip(np.nan_to_num(values), -self.state_bound, self.state_bound).astype(np.float32)
 
-    def blurred(self, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """State as an estimate from images may have it, with larger errors in motion; see `Task.blurred`.
-
-        Standard deviations are `errors` where the speeds in their units sum up to 0.5 or more, and a third of these at
-        rest.
-        """
-        motion = lengths(state[:, 9:12]) + lengths(state[:, 12:15])
-        error = noise * self.errors * np.clip(2.0 * motion, 1.0 / 3.0, 1.0)[:, None]
-        error[:, 15:18] = -error[:, 0:3]  # the pusher is known
-        found = state + error
-        for part in (np.s_[:, 3:6], np.s_[:, 6:9]):
-            known = lengths(state[part])[:, None] > 0.0
-            found[part] = np.where(known, found[part] / np.maximum(lengths(found[part]), 1e-9)[:, None], state[part])
-        return found.astype(np.float32)
-
     def object_state(self, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Object (W, 13) and pusher (W, 3); a round object's turn about its axis is any. See `Task.object_state`."""
         state = np.asarray(state, float)

@@ -54,9 +54,8 @@ class Task(ABC):
         state_size: Number of components of `state`.
         state_bound: Largest absolute value of a component of `state`.
         max_steps: Largest number of actions in an episode, unless an environment is told otherwise.
-        errors: (state_size,) standard deviations of estimates from images, of an object in motion: a teacher of the
-            state is trained with such errors (`blurred`), and a student's errors count in their units. Each is more
-            than 0; empty for none.
+        errors: (state_size,) usual errors of estimates from images, of an object in motion, each more than 0: those of
+            a student count in these units. Empty where all components count alike.
     """
 
     name: ClassVar[str]
@@ -202,15 +201,6 @@ class Task(ABC):
     def for_training(self) -> Self:
         """Return the task with the rewards that a policy learns from."""
         return self
-
-    def blurred(self, state: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """State (W, state_size) as an estimate from images may have it: what a student of a teacher will act on.
-
-        Args:
-            state: (W, state_size), as `state` gives it.
-            noise: (W, state_size), standard normal.
-        """
-        return state
 
     def state_components(self) -> tuple[tuple[str, str], ...]:
         """Meaning and unit of each component of `state`; with the unit "0.1 m" a 1 stands for 0.1 m."""

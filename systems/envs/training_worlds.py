@@ -131,7 +131,6 @@ class TrainingWorlds:
             **({"continued": recipe.continued} if recipe.continued else {}),
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
             **({"light": recipe.light} if recipe.light else {}),
-            **({"blur": list(setup.task.errors)} if setup.task.errors else {}),
             "latency": list(self.options.latency),
             **({"lag": list(self.options.lag)} if any(self.options.lag) else {}),
             "view": list(self.options.view),
@@ -150,7 +149,7 @@ class TrainingWorlds:
         worlds, recipe = env.worlds, recipe_of(task)
         worlds.waypoints, worlds.disturbance, worlds.most_force = self.waypoints, recipe.disturbance, recipe.most_force
         worlds.continued = recipe.continued
-        worlds.blur, worlds.light = observation == "state", recipe.light
+        worlds.light = recipe.light
         return env
 
     def worlds(self, observation: Kind) -> VecEnv:

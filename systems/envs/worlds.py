@@ -88,7 +88,6 @@ class Worlds:
             begins anew.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
-        blur: Flag: the states that are seen have errors, as estimates from images have: `Task.blurred`. False at first.
         light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the
             whole object loses up to as much once more. 0 at first: the light that the twin was filmed in.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
@@ -124,7 +123,7 @@ class Worlds:
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
         self.continued, self._late = 0.0, np.zeros(num_worlds, bool)
         self.most_force: float | None = None
-        self.blur, self.light = False, 0.0
+        self.light = 0.0
         horizon = self.setup.scenario.pusher.horizon
         self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag)
         if any(options.view):
@@ -267,17 +266,7 @@ class Worlds:
 
     def observe(self, worlds: np.ndarray | slice = np.s_[:]) -> Observation:
         """Observation of the worlds with indices (m,) int, or of a slice of them, in arrays of its own."""
-        seen = self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
-        if not self.blur or not self.task.errors:
-            return seen
-        state = seen["state"] if isinstance(seen, dict) else seen
-        size, n = self.task.state_size, self.task.action_size
-        generators = [self._random[world] for world in np.arange(self.num_worlds)[worlds]]
-        for begin in (0, *range(size, state.shape[1], size + n)):  # now, and before each past action
-            part = np.s_[:, begin : begin + size]
-            noise = np.array([generator.standard_normal(size) for generator in generators]).reshape(-1, size)
-            state[part] = self.task.blurred(state[part], noise)
-        return seen
+        return self._observer.observe(self._object_state, self._p_WP, worlds, self._goal)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Arrays of everything that changes, for `set_state`: station, images, steps, generators, state of `domain`."""

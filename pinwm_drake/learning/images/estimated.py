@@ -30,26 +30,34 @@ from pinwm_drake.tasks.history import begun
 from pinwm_drake.tasks.task import Task
 
 FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
+_FAR_ERRORS = 3.0  # the same, in usual errors of the components
+SHOWN = 0.05  # share of an image's pixels, from which on an object in it can be seen well
 TRUTH = "truth"  # the true state, beside its estimate "state"
 
 
-def estimation_loss(found: Tensor, state: Tensor, weights: Tensor | None = None) -> Tensor:
-    """Loss () of estimates of states (B, state_size): Huber's, as what cannot be seen is not to outweigh the rest.
+def estimation_loss(found: Tensor, state: Tensor, errors: Tensor | None = None, shown: Tensor | None = None) -> Tensor:
+    """Loss () of estimates of states (B, n): Huber's, as what cannot be seen is not to outweigh the rest.
 
     Args:
-        found: (B, state_size) estimates.
-        state: (B, state_size) true states.
-        weights: (state_size,) weights of the components; see `error_weights`. None for one.
+        found: (B, n) estimates.
+        state: (B, n) true states.
+        errors: (n,) usual errors of the components, in whose units they count; see `usual_errors`. None where all count
+            alike.
+        shown: (B, n) weights; see `shown_components`. None for one.
     """
-    if weights is None:
-        return 2.0 * huber_loss(found, state, delta=FAR)
-    return 2.0 * (huber_loss(found, state, delta=FAR, reduction="none") * weights).mean()
+    if errors is None:
+        each = huber_loss(found, state, delta=FAR, reduction="none")
+    else:
+        off = (found - state) / errors
+        each = huber_loss(off, torch.zeros_like(off), delta=_FAR_ERRORS, reduction="none")
+    return 2.0 * (each if shown is None else each * shown).mean()
 
 
-def error_weights(task: Task, history: int, device: torch.device) -> Tensor | None:
-    """Weights of a state's components, by the inverse of the errors that are usual, the least of which have 1.
+def usual_errors(task: Task, history: int, device: torch.device) -> Tensor | None:
+    """Usual errors of a state's components, with those before the last actions; infinite for the actions.
 
-    They are those of a state with those before the last actions; None where a task tells no errors.
+    Returns:
+        (n,) float32; None where a task tells no errors.
 
     Raises:
         ParameterError: The task's errors are not as many as its state has components, or one is not more than 0.
@@ -58,9 +66,29 @@ def error_weights(task: Task, history: int, device: torch.device) -> Tensor | No
         return None
     known = len(task.errors) == task.state_size and all(error > 0.0 for error in task.errors)
     require("task.errors", task.errors, known, f"{task.state_size} numbers, more than 0")
-    errors = np.array(task.errors)
-    weights = begun((errors.min() / errors)[None], task.action_size, history)[0]
-    return torch.from_numpy(weights).to(device)
+    errors = begun(np.array(task.errors)[None], task.action_size, history)[0]
+    return torch.from_numpy(np.where(errors > 0.0, errors, np.inf).astype(np.float32)).to(device)
+
+
+def shown_components(image: Tensor, task: Task, history: int) -> Tensor:
+    """Weights of a state's components, with those before the last actions: 0 where the image of its time shows nothing.
+
+    Where an object has left the view its place cannot be learned, and its error of decimetres would outweigh the rest.
+
+    Args:
+        image: (B, height, width, 3 k) uint8, RGB on white: stacks of k images or of parts of them, the oldest first;
+            k is more than `history`.
+        task: The task.
+        history: Number of the last actions.
+
+    Returns:
+        (B, n) float32, 0 or 1.
+    """
+    there = (image.unflatten(3, (-1, 3)) < 255).any(-1).float().mean((1, 2)) >= SHOWN
+    columns = [there[:, -1:].expand(-1, task.state_size)]
+    for back in range(1, 1 + history):
+        columns.append(there[:, -1 - back, None].expand(-1, task.state_size + task.action_size))
+    return torch.cat(columns, 1).float()
 
 
 class Estimated(SeenWorlds):

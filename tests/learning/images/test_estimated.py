@@ -7,7 +7,14 @@ from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actor_critic import ActorCritic, Ppo
 from pinwm_drake.learning.actors import ImageActor
 from pinwm_drake.learning.images.augment import Augment
-from pinwm_drake.learning.images.estimated import TRUTH, Estimated, Regression, error_weights, estimation_loss
+from pinwm_drake.learning.images.estimated import (
+    TRUTH,
+    Estimated,
+    Regression,
+    estimation_loss,
+    shown_components,
+    usual_errors,
+)
 from pinwm_drake.learning.ppo import PpoOptions, train_ppo
 from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
@@ -114,17 +121,32 @@ def test_a_policy_of_images_is_learned_on_estimates(tmp_path):
 
 def test_errors_count_by_their_usual_size(monkeypatch):
     task = FlipTask()
-    weights = error_weights(task, 1, torch.device("cpu"))
-    errors, actions = np.array(task.errors), np.zeros(3)
-    assert weights.max() == 1.0
-    usual = torch.from_numpy(np.concatenate([errors, errors, actions])).float()
-    each = weights * usual
-    torch.testing.assert_close(each[:36], each[:1].expand(36))
+    errors = usual_errors(task, 1, torch.device("cpu"))
+    usual = torch.from_numpy(np.concatenate([task.errors, task.errors, np.zeros(3)])).float()
     state = torch.rand(4, 39)
-    loss = estimation_loss(state + usual, state, weights).item()
-    assert loss == pytest.approx((each * usual).mean().item(), rel=1e-4)
-    assert error_weights(PushTask(), 0, torch.device("cpu")) is None
+    # Each of 36 components counts 1; ten usual errors count by their size: 2 (3 x 10 - 9 / 2).
+    assert estimation_loss(state + usual, state, errors).item() == pytest.approx(36 / 39, rel=1e-4)
+    assert estimation_loss(state + 10.0 * usual, state, errors).item() == pytest.approx(51.0 * 36 / 39, rel=1e-4)
+    assert usual_errors(PushTask(), 0, torch.device("cpu")) is None
     for wrong in (task.errors[1:], (0.0, *task.errors[1:])):
         monkeypatch.setattr(FlipTask, "errors", wrong)
         with pytest.raises(ParameterError, match=r"task\.errors: got .*; allowed: 18 numbers, more than 0"):
-            error_weights(task, 1, torch.device("cpu"))
+            usual_errors(task, 1, torch.device("cpu"))
+
+
+def test_states_whose_image_shows_nothing_do_not_count():
+    task = FlipTask()
+    images = torch.full((3, 20, 20, 9), 255, dtype=torch.uint8)
+    images[1, :5, :5, 7] = 254  # 25 of 400 pixels of the last image
+    images[2, :5, :3, 3] = 0  # 15 of the one before
+    images[2, :, :, :3] = 0  # the first one, of which no state is told
+    shown = shown_components(images, task, 1)
+    assert shown.shape == (3, 39)
+    assert shown[1].tolist() == [1.0] * 18 + [0.0] * 21
+    assert not shown[[0, 2]].any()
+    images[2, :5, :5, 4] = 0
+    assert shown_components(images, task, 1)[2].tolist() == [0.0] * 18 + [1.0] * 21
+    assert shown_components(images, task, 2)[2].tolist() == [0.0] * 18 + [1.0] * 42
+    state = torch.zeros(3, 39)
+    errors = usual_errors(task, 1, torch.device("cpu"))
+    assert estimation_loss(state + 0.3, state, errors, shown[:1]).item() == 0.0

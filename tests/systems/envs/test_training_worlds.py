@@ -148,7 +148,6 @@ def test_episodes_of_a_training_begin_at_waypoints_too_and_those_of_its_evaluati
     worlds.waypoints = Waypoints(tipped, np.array([[0.0, 0.2, 0.05]]))
     assert worlds.about["waypoints"] != before["waypoints"]
     env, policy = worlds.worlds("state"), Still()
-    env.worlds.blur = False
     env.seed(1)
     begun = env.reset()
     there = np.isclose(begun[:, 0], 1.0, atol=1e-6) & np.isclose(begun[:, 16], 2.0, atol=1e-6)
@@ -166,7 +165,6 @@ def test_episodes_of_a_training_go_on_where_the_one_before_met_its_time_limit_an
     options = training_options(image_size=16, max_steps=1)
     worlds = TrainingWorlds("flip_cube", options, num_worlds=64, domains=CousinDomains(0.0))
     env, policy = worlds.task_worlds("state"), Still()
-    env.worlds.blur = False
     env.seed(1)
     env.reset()
     state = np.zeros((64, 13))
@@ -244,25 +242,3 @@ def test_images_in_a_training_of_flips_have_a_light_of_their_own_in_each_episode
     assert worlds.about["light"] == 0.6
     assert "light" not in TrainingWorlds("push_t", num_worlds=1).about
     assert Worlds("flip_cube", "twin", 1).light == 0.0
-
-
-def test_teachers_see_states_with_errors_that_grow_with_motion_and_policies_in_evaluations_do_not():
-    worlds = TrainingWorlds("flip_cube", training_options(history=1), num_worlds=200, domains=CousinDomains(0.0))
-    env, plain = worlds.worlds("state").worlds, Worlds(worlds.setup, "twin", 200, worlds.options)
-    moving = np.zeros((200, 13))
-    moving[:, 0], moving[:, 6], moving[100:, 10] = 1.0, env.task.height, 2.0
-    for one in (env, plain):
-        one.reset([*range(200)])
-        one.set_object_states(moving, np.tile([0.2, 0.2, 0.1], (200, 1)))
-    true, seen = plain.observe(), env.observe()
-    size = env.task.state_size
-    error = (seen - true)[:, :size]
-    assert error[:100, :3].std() == pytest.approx(0.01, rel=0.15)  # 1 mm at rest
-    assert error[100:, :3].std() == pytest.approx(0.03, rel=0.15)
-    np.testing.assert_allclose(error[:, 15:18], -error[:, :3], atol=1e-6)  # the pusher is known
-    np.testing.assert_allclose(np.linalg.norm(seen[:, 3:6], axis=1), 1.0, atol=1e-6)
-    past = (seen - true)[:, size:]
-    assert (past[:, :size].std(0) > 0.0).any()
-    assert not past[:, size:].any()  # nor what was asked for
-    assert not np.allclose(past[:, :3], error[:, :3])
-    assert not worlds.task_worlds("rgb_state").worlds.blur
