@@ -53,7 +53,7 @@ def usual_starts(env: VecEnv) -> Iterator[None]:
     """Worlds whose episodes all begin where the scene says, for the time being."""
     usual = {"waypoints": Waypoints(), "continued": 0.0}
     try:
-        known = {name: env.get_attr(name)[0] for name in usual}
+        known = {name: value for name in usual if (value := env.get_attr(name)[0])}
     except AttributeError:  # worlds of no task
         known = {}
     for name in known:

@@ -124,7 +124,7 @@ class _Blueness(torch.nn.Module):
 
     def forward(self, image, points):
         index = points[0, 0].to(torch.int64)
-        there = image[0, :, index[1]][:, index[0]]
+        there = image[0].index_select(1, index[1:]).index_select(2, index[:1])[:, 0, 0]
         return 0.25 - (image - there[None, :, None, None]).abs().sum(1, keepdim=True)
 
 

@@ -18,6 +18,7 @@ _NEAR = np.arange(-0.4, 0.45, 0.1)  # s, from the guess to offsets that parts of
 _SURE = 0.025  # s, of the deviation
 _RATES = (0.5, 24 / 30, 25 / 30, 24 / 25, 25 / 24, 30 / 25, 30 / 24, 2.0)
 _BETTER = 0.15  # by which the score of another rate has to be higher
+_FEWEST_OF_RATE = 16  # frames; fewer may suit a wrong rate by chance
 _FRAMES = 60  # that are looked at for cuts
 # Of a cut: gain in correlation, share of the motion on each side, and the piece that is missing, s.
 _GAIN, _SHARE, _JUMP, _LONGEST_CUT = 0.012, 0.2, 0.06, 1.0
@@ -129,7 +130,7 @@ def _cut_or_rate(film: PusherFilm, path: Path, offset: float, cut: tuple[float, 
 
 def _other_rate(film: PusherFilm, guess: Guess, around: float, span: float) -> Guess | None:
     """Guess at another rate that suits the film much better; None where there is none."""
-    if guess.score > 2 - 2 * _BETTER:
+    if guess.score > 2 - 2 * _BETTER or len(film.t) < _FEWEST_OF_RATE:
         return None
     found = guess
     for rate in _RATES:
