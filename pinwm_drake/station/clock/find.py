@@ -123,7 +123,7 @@ def _cut(path: Path, time: float, jump: float) -> InputError:
 def _cut_or_rate(film: PusherFilm, path: Path, offset: float, cut: tuple[float, float, float, float]) -> InputError:
     """Error that names a cut, or the rate where that explains the film better; a wrong one looks like a cut too."""
     rate, residual = find_rate(film, offset)
-    if abs(rate - 1) > _FASTEST and residual < find_jump(film, offset)[2]:
+    if len(film.t) >= _FEWEST_OF_RATE and abs(rate - 1) > _FASTEST and residual < find_jump(film, offset)[2]:
         return _wrong_rate(path, film, rate)
     return _cut(path, *cut[:2])
 
@@ -155,6 +155,8 @@ def _with_drift(film: PusherFilm, path: Path, fit: ClockFit) -> ClockFit:
     Raises:
         InputError: A piece that is missing explains it better than a rate does, or the rate is not that of a drift.
     """
+    if len(film.t) < _FEWEST_OF_RATE:
+        return fit
     rate, residual = find_rate(film, fit.offset)
     if abs(rate - 1) * float(np.ptp(film.t)) < _DRIFT or residual > _EXPLAINED * fit.residual:
         return fit
