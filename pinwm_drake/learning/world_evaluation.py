@@ -25,7 +25,8 @@ def evaluate_worlds(
     The number of episodes of each world is settled beforehand, one more in the first worlds where it is not even.
     To take those that end first would favour the short ones, which are the successes. With as many episodes as worlds
     each world runs one, and no action is wasted but those of worlds that wait for the longest. All of them begin where
-    the scene says, also in worlds of a training that begin elsewhere at times (`waypoints`, `continued`).
+    the scene says, also in worlds of a training that begin elsewhere at times (`waypoints`, `continued`,
+    `retries`).
 
     Args:
         env: The worlds; `infos` at the end of an episode have `distance`, `angle` and `success` or `is_success`.
@@ -51,7 +52,7 @@ def evaluate_worlds(
 @contextmanager
 def usual_starts(env: VecEnv) -> Iterator[None]:
     """Worlds whose episodes all begin where the scene says, for the time being."""
-    usual = {"waypoints": Waypoints(), "continued": 0.0}
+    usual = {"waypoints": Waypoints(), "continued": 0.0, "retries": 0.0}
     try:
         known = {name: value for name in usual if (value := env.get_attr(name)[0])}
     except AttributeError:  # worlds of no task

@@ -27,6 +27,8 @@ class Recipe:
         disturbance: Standard deviation of what training adds to the object's velocities after each action, in shares of
             them: as far as engines differ, where little things have other outcomes.
         continued: Share of the episodes of a training that begin where the one before met its time limit.
+        retries: Share of the other episodes of a training that begin as after a try that failed: the object lies, the
+            pusher is on any side of it.
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
@@ -61,6 +63,7 @@ class Recipe:
     level_vectors: tuple[int, ...] = ()
     disturbance: float = 0.0
     continued: float = 0.0
+    retries: float = 0.0
     most_force: float | None = None
     light: float = 0.0
     possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -129,6 +129,7 @@ class TrainingWorlds:
             "start_yaw": list(setup.scenario.start.yaw),
             "disturbance": recipe.disturbance,
             **({"continued": recipe.continued} if recipe.continued else {}),
+            **({"retries": recipe.retries} if recipe.retries else {}),
             **({} if recipe.most_force is None else {"most_force": recipe.most_force}),
             **({"light": recipe.light} if recipe.light else {}),
             "latency": list(self.options.latency),
@@ -148,7 +149,7 @@ class TrainingWorlds:
         env = TaskVecEnv(self.setup, self._num_worlds, options, domain=self.pool)
         worlds, recipe = env.worlds, recipe_of(task)
         worlds.waypoints, worlds.disturbance, worlds.most_force = self.waypoints, recipe.disturbance, recipe.most_force
-        worlds.continued = recipe.continued
+        worlds.continued, worlds.retries = recipe.continued, recipe.retries
         worlds.light = recipe.light
         return env
 

@@ -86,6 +86,8 @@ class Worlds:
         continued: Share of the episodes of a training that begin where the one before met its time limit, so that a
             policy learns to try again; 0 at first, and within `usual_starts`. An object that the pusher cannot reach
             begins anew.
+        retries: Share of the other episodes of a training that begin as after a try that failed, with the pusher on any
+            side of the object: `StartDistribution.anywhere`; 0 at first, and within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the
@@ -121,7 +123,7 @@ class Worlds:
         self.observation_space = self._observer.space
         self.action_space = spaces.Box(-1.0, 1.0, (self.task.action_size,), np.float32)
         self._start, self.waypoints, self.disturbance = StartDistribution(self.setup), Waypoints(), 0.0
-        self.continued, self._late = 0.0, np.zeros(num_worlds, bool)
+        self.retries, self.continued, self._late = 0.0, 0.0, np.zeros(num_worlds, bool)
         self.most_force: float | None = None
         self.light = 0.0
         horizon = self.setup.scenario.pusher.horizon
@@ -194,7 +196,8 @@ class Worlds:
                 row = generator.integers(len(self.waypoints))
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
-                drawn = self._start.draw(generator)
+                again = not given and self.retries and generator.random() < self.retries
+                drawn = self._start.anywhere(generator)[0] if again else self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)

@@ -195,6 +195,28 @@ def test_episodes_of_a_training_go_on_where_the_one_before_met_its_time_limit_an
     assert "continued" not in TrainingWorlds("push_t", num_worlds=1).about
 
 
+def test_some_episodes_of_a_training_begin_as_after_a_try_that_failed():
+    worlds = TrainingWorlds("flip_mug", training_options(image_size=16), num_worlds=200, domains=CousinDomains(0.0))
+    env, policy = worlds.task_worlds("state"), Still()
+
+    def behind():
+        """Flags: the pusher is where no episode of the scene begins, away from the base or above the height there."""
+        off = env.worlds.run.p_WP - env.worlds.run.object_state[:, 4:7]
+        return (off[:, 0] > 0.0) | (env.worlds.run.p_WP[:, 2] > 0.07)
+
+    env.seed(1)
+    env.reset()
+    assert 50 < behind().sum() < 100  # 0.4 of 200, and nearly all of these
+    assert np.linalg.norm(env.worlds.run.object_state[:, 7:], axis=1).max() == 0.0
+    with usual_starts(env):
+        env.reset()
+        assert not behind().any()
+    evaluate_worlds(env, policy, 200, seed=1)
+    assert (policy.seen[:, 17] < 0.5).all()
+    assert env.worlds.retries == worlds.about["retries"] == 0.4
+    assert TrainingWorlds("push_t", num_worlds=1).task_worlds("state").worlds.retries == 0.0
+
+
 def test_velocities_in_a_training_of_flips_are_disturbed_in_shares_of_themselves():
     worlds = TrainingWorlds("flip_cube", training_options(image_size=16), num_worlds=256, domains=CousinDomains(0.0))
     env = worlds.worlds("state").worlds
