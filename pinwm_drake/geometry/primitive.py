@@ -243,7 +243,7 @@ def deviation(primitive: Primitive, hull: trimesh.Trimesh) -> float:
         return most
     if primitive.kind == "capsule":  # directions across the axis, out of edges, there given as unit vectors
         return max(most, float((primitive.reach(points) - (points @ hull.vertices.T).max(axis=1)).max()))
-    over = (points @ hull.face_normals.T - _levels(hull)).max(axis=1)
+    over = (points @ hull.face_normals.T - face_levels(hull)).max(axis=1)
     points = points[np.argsort(-over)[:_NEAREST]]
     # In millimetres, as trimesh takes small triangles for lines.
     faces = np.tile(1e3 * hull.triangles, (len(points), 1, 1))
@@ -254,11 +254,11 @@ def deviation(primitive: Primitive, hull: trimesh.Trimesh) -> float:
 
 def _plain_deviation(primitive: Primitive, hull: trimesh.Trimesh) -> float:
     """How far corners of a hull are from a primitive, and the primitive stands out over faces of the hull [m]."""
-    over = primitive.reach(hull.face_normals) - _levels(hull)
+    over = primitive.reach(hull.face_normals) - face_levels(hull)
     return max(float(-primitive.depth(hull.vertices).min()), float(over.max()))
 
 
-def _levels(hull: trimesh.Trimesh) -> np.ndarray:
+def face_levels(hull: trimesh.Trimesh) -> np.ndarray:
     """Distance (n,) m of the faces of a hull from the origin, along their normals."""
     return np.asarray(np.einsum("fi,fi->f", hull.face_normals, hull.triangles[:, 0]))
 
@@ -469,7 +469,8 @@ def _side_is_of(primitive: Primitive, pieces: Sequence[ConvexPiece]) -> bool:
     missed = np.ones(len(points), bool)
     for piece in pieces:
         hull = trimesh.convex.convex_hull(piece.vertices)
-        missed[missed] = (points[missed] @ hull.face_normals.T - _levels(hull)).max(axis=1) > 1.01 * primitive.tolerance
+        out = (points[missed] @ hull.face_normals.T - face_levels(hull)).max(axis=1)
+        missed[missed] = out > 1.01 * primitive.tolerance
     return not missed.any()
 
 

@@ -46,8 +46,8 @@ class DistilOptions(Options):
         updates: Number of updates of the network in a round.
         batch_size: Number of images in an update.
         learning_rate: Learning rate of Adam at first; it falls to a hundredth along half a cosine.
-        action_weight: Weight of `StateActor.imitation` beside the state's error, in tasks that do not tell errors:
-            their teachers have not met any.
+        action_weight: Weight of `StateActor.imitation` beside the state's error, in tasks that do not tell errors;
+            in the others it spoils the estimate.
         noise: Standard deviation of the normal noise on the actions while images are collected, in units of an action.
         keep: Number of images that are kept; older ones are forgotten.
         shift: px, largest random shift of the images.

@@ -3,7 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import pairwise, permutations, product
 
 import manifold3d
@@ -14,7 +14,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
 from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece, touching_pieces
-from pinwm_drake.geometry.primitive import SHARE, TOLERANCE, Primitive, acting_mesh, acting_pieces, fit
+from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, face_levels, fit
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
 
@@ -24,7 +24,7 @@ _SLIVER = 1e-5
 _SAME_SIDE = 1e-3  # between normals of one side
 # Of a piece's longest edge: corners that are off by less are those of a box.
 _SQUARE = 1e-7
-_LATTICE = 9  # points along an edge of a box, for what stands out
+_LATTICE = 33  # points along an edge of a box, for what stands out
 DISC = 1e-4  # m, thickness of the discs on which a cylinder rolls
 # Sides of the prism that a cylinder is for the floor, and divisions of what a sphere is: 3 and 34 µm of 40 mm are off.
 SECTIONS, _DIVISIONS = 256, 4
@@ -46,8 +46,8 @@ def plain_pieces(pieces: Sequence[ConvexPiece]) -> list[ConvexPiece]:
 
     Drake's normal between a sphere and the hull of a mesh is wrong near edges, often by tens of degrees; between a
     sphere and a box, cylinder, capsule or sphere it is right. A hull becomes one of these where it is that within the
-    tolerance of `geometry.primitive`. It becomes its bounding box where that stands out of all pieces by no more: a
-    slab of a mug's wall, whose narrow side is towards its neighbours.
+    tolerance of `geometry.primitive`. It becomes its bounding box where that stands out of all hulls by no more: a
+    slab of a mug's wall, whose narrow side is towards its neighbours. The others stay.
 
     Args:
         pieces: Convex pieces of a mesh, frame of the mesh, m.
@@ -59,24 +59,34 @@ def plain_pieces(pieces: Sequence[ConvexPiece]) -> list[ConvexPiece]:
 def _plain_pieces(pieces: tuple[ConvexPiece, ...]) -> tuple[ConvexPiece, ...]:
     """`plain_pieces` of the same objects once: a plant is made many times in a process."""
     hulls = [trimesh.convex.convex_hull(piece.vertices) for piece in pieces if piece.kind == HULL]
-    planes = [(hull.face_normals, (hull.face_normals * hull.triangles[:, 0]).sum(axis=1)) for hull in hulls]
-    return tuple(_plain_piece(piece, planes) if piece.kind == HULL else piece for piece in pieces)
+    planes = [(hull.face_normals, face_levels(hull)) for hull in hulls]
+    own = iter(planes)
+    return tuple(_plain_piece(piece, [next(own), *planes]) if piece.kind == HULL else piece for piece in pieces)
 
 
 def _plain_piece(piece: ConvexPiece, planes: Sequence[tuple[np.ndarray, np.ndarray]]) -> ConvexPiece:
+    """`plain_pieces` of one hull; planes are those of itself, which most points are on, and of all hulls."""
     if as_box(piece) is not None:
         return piece
     to_box, extents = trimesh.bounds.oriented_bounds(piece.vertices)
     X_OB = np.linalg.inv(to_box)
     plain = box(extents, (X_OB[:3, :3], X_OB[:3, 3]))
-    lattice = np.linspace(-0.5, 0.5, _LATTICE)
-    points = np.array([point for point in product(lattice, repeat=3) if np.abs(point).max() == 0.5])
-    points = (points * extents) @ X_OB[:3, :3].T + X_OB[:3, 3]
-    out = np.min([(points @ normals.T - levels).max(axis=1) for normals, levels in planes], axis=0)
-    if out.max() <= min(TOLERANCE, 0.5 * SHARE * extents.min()):
+    points = (_unit_surface() * extents) @ X_OB[:3, :3].T + X_OB[:3, 3]
+    allowed = Primitive("box", tuple(extents)).tolerance
+    for normals, levels in planes:
+        points = points[(points @ normals.T - levels).max(axis=1) > allowed]
+    if not len(points):
         return plain
     found = fit(piece.vertices)
     return piece if found is None else found.piece()
+
+
+@cache
+def _unit_surface() -> np.ndarray:
+    """Points (n, 3) of a lattice on the surface of a cube with sides of 1."""
+    lattice = np.linspace(-0.5, 0.5, _LATTICE)
+    points = np.stack(np.meshgrid(lattice, lattice, lattice), axis=-1).reshape(-1, 3)
+    return points[np.abs(points).max(axis=1) == 0.5]
 
 
 def carrying_pieces(pieces: Sequence[ConvexPiece], primitives: Sequence[Primitive]) -> list[ConvexPiece]:

@@ -2,8 +2,9 @@
 """Writing of the SDFormat files that ship with pinwm_drake, and of the meshes with which their objects touch.
 
 Run `python -m pinwm_drake.systems.sdf.shipped` after a mesh, or how SDFormat is written, was changed. Beside each mesh
-NAME/NAME.obj come NAME.sdf with NAME_contact.obj and NAME_support.vtk, for hydroelastic contact, and NAME_point.sdf
-with pieces/NAME_k.obj, for point contact. Mass is 1 kg, friction of every pair 0.1, restitution 0.
+NAME/NAME.obj come NAME.sdf with NAME_contact.obj and NAME_support.vtk, for hydroelastic contact, NAME_point.sdf for
+point contact, and pieces/NAME_k.obj, the convex pieces of the mesh. Mass is 1 kg, friction of every pair 0.1,
+restitution 0.
 """
 
 from functools import cache

@@ -31,7 +31,7 @@ from pinwm_drake.tasks.task import Task
 
 FAR = 0.3  # of the state's units, from which on an error counts by its size, and not by its square
 _FAR_ERRORS = 3.0  # the same, in usual errors of the components
-SHOWN = 0.05  # share of an image's pixels, from which on an object in it can be seen well
+_SHOWN = 0.05  # share of an image's pixels, from which on an object in it can be seen well
 TRUTH = "truth"  # the true state, beside its estimate "state"
 
 
@@ -84,7 +84,7 @@ def shown_components(image: Tensor, task: Task, history: int) -> Tensor:
     Returns:
         (B, n) float32, 0 or 1.
     """
-    there = (image.unflatten(3, (-1, 3)) < 255).any(-1).float().mean((1, 2)) >= SHOWN
+    there = (image.unflatten(3, (-1, 3)) < 255).any(-1).float().mean((1, 2)) >= _SHOWN
     columns = [there[:, -1:].expand(-1, task.state_size)]
     for back in range(1, 1 + history):
         columns.append(there[:, -1 - back, None].expand(-1, task.state_size + task.action_size))

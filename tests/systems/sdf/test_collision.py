@@ -3,14 +3,15 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import trimesh
 from pydrake.geometry import AddCompliantHydroelasticProperties, Mesh, ProximityProperties
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from pinwm_drake.geometry.pieces import HULL, ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, SPHERE, ConvexPiece
 from pinwm_drake.geometry.shapes import box, convex_hull
-from pinwm_drake.systems.sdf.collision import as_box, volume_mesh
+from pinwm_drake.systems.sdf.collision import as_box, plain_pieces, volume_mesh
 
 
 def box_with_a_point_on_an_edge(size, depth, slivers):
@@ -101,6 +102,24 @@ def test_a_box_is_found_where_it_is(turn, order):
     np.testing.assert_allclose(found, sizes, rtol=1e-12)
     np.testing.assert_allclose(X.translation(), p, atol=1e-12)
     np.testing.assert_allclose(X.rotation().matrix(), R.matrix(), atol=1e-9)
+
+
+def test_a_slab_is_the_box_about_it_where_another_hull_covers_what_that_adds():
+    outer, inner = 0.02, 0.019
+    corners = np.array([[x, s * (outer if x else inner), z] for x in (0.0, 0.004) for s in (-1, 1) for z in (0.0, 0.1)])
+    slab, cover = convex_hull(corners), box([0.05] * 3)
+    assert plain_pieces([slab])[0] is slab
+    made = plain_pieces([slab, convex_hull(cover.vertices * [0.08, 0.9, 4.0] + [0.002, 0.0, 0.05])])[0]
+    found, _ = as_box(made)
+    np.testing.assert_allclose(sorted(found), [0.004, 0.04, 0.1], atol=1e-9)
+
+
+def test_round_hulls_are_round():
+    ball = trimesh.creation.icosphere(5, 0.03)
+    rod = trimesh.creation.cylinder(0.02, 0.1, sections=64)
+    found = plain_pieces([convex_hull(np.asarray(mesh.vertices)) for mesh in (ball, rod)])
+    assert [piece.kind for piece in found] == [SPHERE, CYLINDER]
+    assert [piece.radius for piece in found] == pytest.approx([0.03, 0.02], abs=5e-5)
 
 
 def test_what_is_nearly_a_box_is_none():
