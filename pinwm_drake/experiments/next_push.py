@@ -16,8 +16,10 @@ Source: Chaloner and Verdinelli, "Bayesian experimental design: a review", Stati
 """
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -26,7 +28,7 @@ import trimesh
 from pinwm_drake.capture.episode_tables import Motion, PusherTrajectory
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.pusher import pushing_height, upright_shape
-from pinwm_drake.capture.scene import PusherShape, load_capture
+from pinwm_drake.capture.scene import Capture, PusherShape, load_capture
 from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import ParameterError, PinwmError, SolverError, require
 from pinwm_drake.geometry.meshes import half_diagonal, load_mesh, mass_properties
@@ -50,6 +52,7 @@ _AFTERWARDS = {"push": 0.4, "poke": 0.8}  # s, of video after the pusher stops
 _FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
 _MUCH = 0.5  # of the most information: what a push tells that is chosen for one unknown
 _KNOWN = CousinDomains.delta  # relative half-width of an interval up to which cousins cover it
+_Read = TypeVar("_Read")
 _ATTEMPTS = 20  # for each candidate that is to stay in the box
 
 
@@ -195,28 +198,33 @@ def deciding_friction(twin: Twin) -> str | None:
 
 
 def filmed_motion(twin: Twin) -> Motion:
-    """Motion of the episodes that a twin was identified from, where its capture is at hand; else "push"."""
-    origin = Origin.read(twin)
-    if origin is not None:
-        try:
-            capture = load_capture(origin.path)
-            motions = [read_episode(capture, name).trajectory.motion for name in origin.episodes]
-            return "poke" if "poke" in motions else "push"
-        except PinwmError:
-            pass  # it has been moved
-    return "push"
+    """Motion of the episodes that a twin was identified from; "push", with a warning, where they are not at hand."""
+    motions = _filmed(twin, _motions, "pushes are level", "--motion poke proposes pokes") or []
+    return "poke" if "poke" in motions else "push"
 
 
 def start_of(twin: Twin) -> Pose:
-    """Pose in which the capture of a twin has the object, where that capture is at hand; else upright at the origin."""
-    origin = Origin.read(twin)
-    if origin is not None:
-        try:
-            return load_capture(origin.path).object.X_WO
-        except PinwmError:
-            pass  # it has been moved
+    """Pose of the object in a twin's capture; upright at the origin, with a warning, where that is not at hand."""
     one = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
-    return Pose(one, torch.zeros(3, dtype=torch.float64))
+    seen = _filmed(twin, lambda capture, origin: capture.object.X_WO, "the object starts upright at the origin")
+    return seen or Pose(one, torch.zeros(3, dtype=torch.float64))
+
+
+def _motions(capture: Capture, origin: Origin) -> list[Motion]:
+    return [read_episode(capture, name).trajectory.motion for name in origin.episodes]
+
+
+def _filmed(twin: Twin, read: Callable[[Capture, Origin], _Read], instead: str, remedy: str = "") -> _Read | None:
+    """What the capture of a twin says; None, with a warning of what is taken instead, where it is not at hand."""
+    origin = Origin.read(twin)
+    try:
+        if origin is not None:
+            return read(load_capture(origin.path), origin)
+        why = "it does not say which capture it is from"
+    except PinwmError as error:
+        why = f"its capture cannot be read ({error})"
+    warnings.warn("; ".join(filter(None, [f"{twin.name}: {why}", instead, remedy])), UserWarning, stacklevel=3)
+    return None
 
 
 def trajectory_of(motion: StraightPush) -> PusherTrajectory:

@@ -3,14 +3,16 @@
 
 import csv
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
+import torch
 
 from pinwm_drake.capture.episodes import read_episode
 from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import ParameterError
-from pinwm_drake.experiments.next_push import deciding_friction, filmed_motion, next_push
+from pinwm_drake.experiments.next_push import deciding_friction, filmed_motion, next_push, start_of
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.twin import Draws
 from tests.capture.pushed_cube import write_pushed_cube
@@ -97,7 +99,8 @@ def test_a_poke_is_chosen_for_the_friction_that_decides_a_flip(twin):
 
 
 def test_the_motion_is_that_of_the_capture_where_it_is_at_hand(twin, tmp_path):
-    assert filmed_motion(twin) == "push"
+    with pytest.warns(UserWarning, match="does not say which capture it is from; pushes are level; --motion poke"):
+        assert filmed_motion(twin) == "push"
     folder = write_pushed_cube(tmp_path / "capture")
     capture = load_capture(folder)
     origin = Origin.of(capture, [read_episode(capture, capture.episode_names[0])])
@@ -111,7 +114,21 @@ def test_the_motion_is_that_of_the_capture_where_it_is_at_hand(twin, tmp_path):
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
-    assert filmed_motion(filmed) == "poke"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert filmed_motion(filmed) == "poke"
+        assert torch.equal(start_of(filmed).p, capture.object.X_WO.p)
+
+
+def test_a_capture_that_is_gone_is_named_with_what_is_taken_instead(twin, tmp_path):
+    capture = load_capture(write_pushed_cube(tmp_path / "capture"))
+    origin = Origin.of(capture, [read_episode(capture, capture.episode_names[0])])
+    filmed = dataclasses.replace(twin, provenance=twin.provenance | origin.to_provenance())
+    (tmp_path / "capture").rename(tmp_path / "elsewhere")
+    with pytest.warns(UserWarning, match=r"its capture cannot be read \(.*capture.*\); the object starts upright"):
+        assert start_of(filmed).p.tolist() == [0.0, 0.0, 0.0]
+    with pytest.warns(UserWarning, match=r"its capture cannot be read .*; pushes are level; --motion poke"):
+        assert filmed_motion(filmed) == "push"
 
 
 def test_a_twin_without_draws_is_refused(twin):
