@@ -7,7 +7,7 @@ point contact, and pieces/NAME_k.obj, the convex pieces of the mesh. Mass is 1 k
 restitution 0.
 """
 
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -64,9 +64,14 @@ def shipped_pieces(name: str) -> tuple[ConvexPiece, ...]:
     return tuple(pieces if name == "t_block" else (convex_hull(LARGE_T * piece.vertices) for piece in pieces))
 
 
-def piece_names(name: str, number: int) -> list[str]:
-    """Names of the files of an object's convex pieces in the package of models."""
-    return [f"{name}/pieces/{name}_{k}.obj" for k in range(number)]
+def piece_name(name: str, k: int) -> str:
+    """Name of the file of an object's convex piece of a number in the package of models."""
+    return f"{name}/pieces/{name}_{k}.obj"
+
+
+def piece_uri(name: str, k: int, piece: ConvexPiece) -> str:
+    """URI of the mesh of a shipped object's piece of a number, as `object_point_sdf` asks for it."""
+    return shipped_uri(piece_name(name, k))
 
 
 def shipped_supports(name: str) -> list[tuple[np.ndarray, float]]:
@@ -113,20 +118,26 @@ def _object_texts(name: str) -> dict[str, str]:
     primitives = primitives_of(mesh, pieces)
     tetrahedra, depth = volume_mesh(carrying_pieces(pieces, primitives), LONGEST_EDGE)
     support = shipped_uri(base), round(depth, 12)
-    files = piece_names(name, len(pieces))
     spheres = [(centre.round(9), radius) for centre, radius in support_spheres(mesh, primitives=primitives)]
-    uris = [shipped_uri(file) for file in files]
     comment = f"{name}, hydroelastic contact. {_ABOUT}"
     point = f"{name}, point contact: pieces are for the pusher, supports for the floor. {_ABOUT}"
     return {
         contact: fine_mesh(met_mesh(mesh, primitives), LONGEST_EDGE),
         base: tetrahedra,
-        **{file: piece_mesh(piece) for file, piece in zip(files, pieces, strict=True)},
+        **{piece_name(name, k): piece_mesh(piece) for k, piece in enumerate(pieces)},
         f"{name}/{name}.sdf": object_sdf(
             name, solid, shipped_uri(visual), shipped_uri(contact), support, surfaces, comment
         ),
         f"{name}/{name}_point.sdf": object_point_sdf(
-            name, solid, shipped_uri(visual), pieces, uris, spheres, surfaces, point, support_discs(primitives)
+            name,
+            solid,
+            shipped_uri(visual),
+            pieces,
+            partial(piece_uri, name),
+            spheres,
+            surfaces,
+            point,
+            support_discs(primitives),
         ),
     }
 

@@ -4,7 +4,7 @@
 Their coefficients of contact are those of `contact.py`; elements that begin with `drake:` are Drake's own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
@@ -103,7 +103,7 @@ def object_point_sdf(
     solid: Solid,
     visual: str,
     pieces: Sequence[ConvexPiece],
-    uris: Sequence[str],
+    mesh_uri: Callable[[int, ConvexPiece], str],
     supports: Sequence[tuple[np.ndarray, float]],
     surfaces: settings.Surfaces,
     comment: str,
@@ -115,7 +115,8 @@ def object_point_sdf(
 
     Args:
         pieces: Convex pieces of the object, frame O, m.
-        uris: URI of the mesh of each; those of `plain_pieces` that are no hulls are not used.
+        mesh_uri: Function of the number of a piece and the piece to the URI of its mesh; called for those that Drake
+            meets as hulls of meshes, see `plain_pieces`.
         supports: Centre (3,) [m, frame O] and radius [m] of each sphere.
         discs: Cylinders that meet the floor as well, frame O, m.
     """
@@ -123,7 +124,7 @@ def object_point_sdf(
     side = Surface(surfaces.friction_object, surfaces.dissipation_pusher, 2 * settings.PUSHER_STIFFNESS)
     base = Surface(surfaces.friction_object, surfaces.dissipation_floor, 2 * settings.FLOOR_STIFFNESS)
     parts = [_inertial(solid), _visual(_mesh(visual))]
-    parts += [_piece(f"piece_{k}", *one, side) for k, one in enumerate(zip(plain_pieces(pieces), uris, strict=True))]
+    parts += [_piece(k, piece, mesh_uri, side) for k, piece in enumerate(plain_pieces(pieces))]
     parts += [
         _collision(f"support_{k}", _shape("sphere", radius=r), base, centre) for k, (centre, r) in enumerate(supports)
     ]
@@ -202,12 +203,13 @@ def _drive(axis: str, parent: str, child: str, direction: np.ndarray) -> str:
     return _element(f'joint name="pusher_{axis}" type="prismatic"', *ends, along, gains)
 
 
-def _piece(name: str, piece: ConvexPiece, uri: str, surface: Surface) -> str:
+def _piece(k: int, piece: ConvexPiece, mesh_uri: Callable[[int, ConvexPiece], str], surface: Surface) -> str:
+    name = f"piece_{k}"
     if piece.kind != HULL:
         return _round(name, piece, surface)
     found = as_box(piece)
     if found is None:
-        return _collision(name, _mesh(uri, convex=True), surface)
+        return _collision(name, _mesh(mesh_uri(k, piece), convex=True), surface)
     sizes, X_OB = found
     box = _element("geometry", _element("box", f"<size>{_numbers(sizes.round(12))}</size>"))
     p, rpy = X_OB.translation().round(12), RollPitchYaw(X_OB.rotation()).vector().round(15)

@@ -13,7 +13,7 @@ from pinwm_drake.errors import require
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import resting_normals
-from pinwm_drake.geometry.pieces import HULL
+from pinwm_drake.geometry.pieces import ConvexPiece
 from pinwm_drake.geometry.shapes import sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics.model import Body, Model
@@ -181,13 +181,13 @@ def object_text(
         base = _mesh_file(folder, "support", tetrahedra, ".vtk")
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
     pieces = met_pieces(mesh_pieces(twin.mesh_path), twin.acts_as)
-    uris = [
-        prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece)) if piece.kind == HULL else ""
-        for k, piece in enumerate(pieces)
-    ]
     supports = support_spheres(mesh, twin_spread(twin), down, twin.acts_as)
     discs = support_discs(twin.acts_as)
-    return object_point_sdf("object", solid, visual, pieces, uris, supports, surfaces, comment, discs)
+
+    def mesh_uri(k: int, piece: ConvexPiece) -> str:
+        return prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece))
+
+    return object_point_sdf("object", solid, visual, pieces, mesh_uri, supports, surfaces, comment, discs)
 
 
 def pusher_text(twin: Twin, surfaces: Surfaces, folder: Path, prefix: str, comment: str, *, driven: bool = True) -> str:

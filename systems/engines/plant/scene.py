@@ -9,6 +9,7 @@ floor, and the accuracy that was measured, are in docs/explanation/hydroelastic.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ from pinwm_drake.models import model_path
 from pinwm_drake.systems.cameras.object_camera import OBJECT_LABEL, PUSHER_LABEL
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.collision import EVEN, support_discs, support_spheres
-from pinwm_drake.systems.sdf.shipped import piece_names, shipped_pieces, shipped_support, shipped_supports, shipped_uri
+from pinwm_drake.systems.sdf.shipped import piece_uri, shipped_pieces, shipped_support, shipped_supports, shipped_uri
 from pinwm_drake.systems.sdf.text import floor_sdf, object_point_sdf, object_sdf
 from pinwm_drake.systems.sdf.twin import (
     ContactName,
@@ -164,7 +165,6 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
         pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, support, surfaces, "Object.")
     else:
         pieces = shipped_pieces(name)
-        uris = [shipped_uri(file) for file in piece_names(name, len(pieces))]
         spread = twin_spread(twin)
         supports = (
             shipped_supports(name)
@@ -173,7 +173,7 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
         )
         discs = support_discs(twin.acts_as)
         pushed = object_point_sdf(
-            name, twin_solid(twin), str(visual), pieces, uris, supports, surfaces, "Object.", discs
+            name, twin_solid(twin), str(visual), pieces, partial(piece_uri, name), supports, surfaces, "Object.", discs
         )
     pusher = pusher_text(twin, surfaces, folder, prefix, "Pusher.", driven=driven)
     return pushed, pusher, floor_sdf(surfaces, twin.floor_height, "Floor.")

@@ -67,6 +67,17 @@ def test_the_written_object_has_theta_and_the_mesh(twin, tmp_path):
         np.testing.assert_allclose(about_B, twin_solid(twin).inertia, rtol=1e-9)
 
 
+@pytest.mark.parametrize("boxed", [False, True])
+def test_every_mesh_that_is_written_is_read(twin, tmp_path, boxed):
+    paths = write_twin_model(cube_twin(tmp_path) if boxed else twin, tmp_path / "out")
+    texts = "".join(path.read_text() for path in [*paths, tmp_path / "out/meshes/visual.obj"])
+    written = sorted((tmp_path / "out/meshes").iterdir())
+    assert written
+    assert [path.name for path in written if path.name not in texts] == []
+    # A box needs no hull.
+    assert any(path.name == "piece_0.obj" for path in written) is not boxed
+
+
 def test_a_written_scene_is_whole(twin, tmp_path):
     object_sdf, _, floor, pusher = write_twin_model(twin, tmp_path)
     plant, scene_graph, diagram = loaded(object_sdf, floor, pusher)
