@@ -16,53 +16,34 @@ from benchmarks import timing
 timing.limit_threads(1)  # before numba and torch are imported
 
 import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
 
 from benchmarks.results import markdown
-from pinwm_drake.systems.arm.driver import TIME_STEP, ArmDriver
+from pinwm_drake.systems.arm.check import CommandedArm
 from pinwm_drake.systems.arm.model import ARMS, ArmName
-from pinwm_drake.systems.engines.lcm.link import make_lcm
-from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES, signal_message
 from pinwm_drake.systems.scenario.load import load_setup
-from pinwm_drake.systems.scenario.schema import MEMORY
-from pinwm_drake.systems.scenario.start import Place
 
-ACTION, EVERY = 0.1, 0.01  # s: a command holds, and is sent again
+ACTION = 0.1  # s: a command holds
 LOW, HIGH = 0.014, 0.2  # m, of z
 COLUMNS = "speed | rms | 95 % | max | joint speed | room of a joint's angle | rod's tilt, rms | max | outside its box"
 
 
 def track(arm: ArmName, speed: float, seconds: float, plane: bool, seed: int = 0) -> list[str]:
     """Row of the table: how an arm follows random commands of a speed [m/s], in the plane of x and z only or in any."""
-    setup = load_setup("flip_mug")
-    link = dataclasses.replace(setup.scenario.lcm, url=MEMORY, image_period=10.0)
-    setup = dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, lcm=link))
-    lcm, builder = make_lcm(link), DiagramBuilder()
-    driver = builder.AddSystem(ArmDriver(setup, lcm, arm=arm, contact="point"))
-    logs = [LogVectorOutput(driver.GetOutputPort(name), builder, TIME_STEP) for name in ("pusher_state", "arm_state")]
-    simulator = Simulator(builder.Build())
-    context, generator = simulator.get_mutable_context(), np.random.default_rng(seed)
-    mine = driver.GetMyContextFromRoot(context)
-    driver.SetPlace(context, Place(RigidTransform([0.0, 2.0, 0.1]), np.array([-0.1, 0.0, 0.1])))
-    simulator.Initialize()
+    driven, generator = CommandedArm(load_setup("flip_mug"), arm), np.random.default_rng(seed)
+    driven.begin(np.array([-0.1, 0.0, 0.1]))
+    driver = driven.driver
     low, high = np.array(driver.limits.box_low), np.minimum(driver.limits.box_high, [np.inf, np.inf, HIGH])
     low[2] = max(low[2], LOW)
-    errors, tilts, sent = [], [], 0
+    errors, tilts, period = [], [], driver.setup.scenario.lcm.period
+
+    def look() -> None:
+        tilts.append(np.degrees(np.arccos(min(driver.tool_pose(driven.context).rotation().matrix()[2, 2], 1.0))))
+
     for _ in range(round(seconds / ACTION)):
-        velocity = _drawn(generator, driver.GetOutputPort("tool_target").Eval(mine)[:3], speed, low, high, plane)
-        for _ in range(round(ACTION / EVERY)):
-            values = np.array([*velocity, 1, sent, EVERY * sent + ACTION])
-            lcm.Publish(link.command_channel, signal_message(COMMAND_NAMES, values, EVERY * sent).encode())
-            sent += 1
-            simulator.AdvanceTo(EVERY * sent)
-            tilts.append(np.degrees(np.arccos(min(driver.tool_pose(context).rotation().matrix()[2, 2], 1.0))))
-        tool, target = (driver.GetOutputPort(name).Eval(mine) for name in ("pusher_state", "tool_target"))
+        driven.act(_drawn(generator, driven.target[:3], speed, low, high, plane), ACTION, look)
         # The target is that of the last period.
-        errors.append(np.linalg.norm(tool[:3] - target[:3] - link.period * target[3:]))
-    states, joints = (log.FindLog(context).data().T for log in logs)
+        errors.append(np.linalg.norm(driven.tool[:3] - driven.target[:3] - period * driven.target[3:]))
+    states, joints = (log.FindLog(driven.context).data().T for log in driven.logs)
     plant = driver.model.plant
     q, share = joints[:, :7], np.abs(joints[:, 7:]) / plant.GetVelocityUpperLimits()
     room = np.minimum(q - plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits() - q).min()

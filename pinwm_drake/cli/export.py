@@ -28,6 +28,7 @@ def export(request: ExportRequest) -> None:
             scene=request.scene,
             seed=request.seed,
             limits=request.limits,
+            arms=request.arms,
             progress=progress,
         )
     for line in _described(bundle, request.bundle):
@@ -37,6 +38,8 @@ def export(request: ExportRequest) -> None:
 def _described(bundle: "Bundle", folder: Path) -> list[str]:
     """Lines on a bundle: limits, golden samples, the time of a call, and files."""
     import numpy as np
+
+    from pinwm_drake.learning.contract import ArmCheck
 
     golden, limits, task = bundle.provenance["golden"], bundle.limits, bundle.spec.task
     acting = bundle.toward([0.0] * task.goal_size) if task.goal_size else bundle
@@ -53,6 +56,7 @@ def _described(bundle: "Bundle", folder: Path) -> list[str]:
         f"{limits.max_image_age:g} s, pusher within {low} to {high} m",
         f"{golden['samples']} golden samples; onnxruntime is {golden['deviation_from_torch']:.1e} m from torch at most",
         f"{1e3 * np.median(seconds):.2f} ms a call on one core",
+        *(str(ArmCheck.from_document(one)) for one in bundle.contract.get("arms", [])),
         *(f"wrote {path} ({path.stat().st_size / 1e3:.1f} kB)" for path in sorted(folder.iterdir())),
         f"SHA-256 of the bundle: {bundle.sha256}",
     ]

@@ -15,6 +15,8 @@ from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
 from pinwm_drake.learning.export import export_policy, require_exportable
 from pinwm_drake.learning.policy import Policy, read_policy
 from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.systems.arm.check import ToolMotion, check_arm
+from pinwm_drake.systems.arm.model import ARMS
 from pinwm_drake.systems.envs.policy_scene import policy_setup, scene_spec, spec_environment
 from pinwm_drake.systems.scenario.load import Scene
 
@@ -29,6 +31,7 @@ def export_bundle(
     scene: str | None = None,
     seed: int = 0,
     limits: Mapping[str, Any] | None = None,
+    arms: bool = True,
     progress: Progress = silent,
 ) -> Bundle:
     """Write the bundle of a policy, with golden samples that it sees in a scene.
@@ -41,7 +44,8 @@ def export_bundle(
         scene: Scene of the golden samples: see `spec_environment`; None for the policy's own, `home_scene`.
         seed: Seed of the first episode's start, 0 or more.
         limits: Values of `SafetyLimits` in the place of the default ones, by name.
-        progress: Called with stages "acting", for the golden samples, and "exporting".
+        arms: Flag: simulated arms are checked too, and the contract tells which follow the policy's motions.
+        progress: Called with stages "acting", for the golden samples, "checking arms", and "exporting".
 
     Returns:
         The bundle, as it was read back.
@@ -64,16 +68,20 @@ def export_bundle(
     chosen = dataclasses.replace(default_limits(spec), **(limits or {}))
     taught = about.get("method") != "ppo" or bool(about.get("auxiliary", False))
     with appearing(out) as temporary:
-        samples = seen_samples(policy, setup, seed, lambda share: progress("acting", share, "golden samples"))
+        samples, motions = seen_samples(policy, setup, seed, lambda share: progress("acting", share, "golden samples"))
+        placed, checks = spec_environment(policy.spec, setup, "twin").setup, []
+        for k, arm in enumerate(ARMS if arms else ()):
+            progress("checking arms", k / len(ARMS), arm)
+            checks.append(check_arm(arm, placed, chosen, motions))
         progress("exporting", 0.0, "network")
-        export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught)
+        export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught, arms=checks)
     return read_bundle(out)
 
 
 def seen_samples(
     policy: Policy, scene: Scene, seed: int, report: Callable[[float], None] = lambda share: None
-) -> tuple[np.ndarray, ...]:
-    """Images, positions and goals that the policy meets in the twin's station in a few short episodes in which it acts.
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], list[ToolMotion]]:
+    """Samples and motions of a policy in the twin's station, in a few short episodes in which it acts.
 
     Args:
         policy: A policy of images.
@@ -83,24 +91,31 @@ def seen_samples(
 
     Returns:
         Images (n, height, width, 3 k) uint8, positions of the pusher (n, pusher_size) m, world frame, along the
-        task's axes, with their history, and goals of the episodes (n, goal_size).
+        task's axes, with their history, and goals of the episodes (n, goal_size). The motion of each episode.
 
     Raises:
         ParameterError: The scene is not one that the policy is made for.
         InputError: The scene cannot be used.
     """
     environment = spec_environment(policy.spec, scene, "twin", observation="rgb_state")
-    images, p_WP, goals = [], [], []
+    images, p_WP, goals, motions = [], [], [], []
+    spec, axes = policy.spec, list(policy.spec.task.axis_indices)
     for episode in range(_EPISODES):
         observation, _ = environment.reset(seed=seed + episode)
+        start, velocities = np.array([0.0, 0.0, spec.pusher_height]), []
+        start[axes] = spec.pusher_metres(observation["pusher"])[: spec.action_size]
         for step in range(_ACTIONS):
             if step % _EVERY == 0:
                 images.append(observation["image"])
                 p_WP.append(policy.spec.pusher_metres(observation["pusher"]))
                 goals.append(environment.worlds.goal[0])
             action, _ = policy.predict(observation)
+            velocity = np.zeros(3)
+            velocity[axes] = spec.max_translation / spec.horizon * action / max(float(np.linalg.norm(action)), 1.0)
+            velocities.append(velocity)
             observation, _, terminated, truncated, _ = environment.step(action)
             report((episode * _ACTIONS + step + 1) / (_EPISODES * _ACTIONS))
             if terminated or truncated:
                 break
-    return np.stack(images), np.stack(p_WP), np.stack(goals)
+        motions.append(ToolMotion(start, np.array(velocities), spec.horizon))
+    return (np.stack(images), np.stack(p_WP), np.stack(goals)), motions

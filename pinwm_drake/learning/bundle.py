@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from pinwm_drake.errors import InputError, ParameterError
+from pinwm_drake.errors import InputError, ParameterError, require
 from pinwm_drake.files import appearing
-from pinwm_drake.learning.contract import ESTIMATE, SCHEMA_VERSION, difference, make_contract
+from pinwm_drake.learning.contract import ESTIMATE, SCHEMA_VERSION, ArmCheck, difference, make_contract
 from pinwm_drake.learning.golden import ESTIMATE_TOLERANCE, TOLERANCE, Golden, deviation, estimate_deviation
 from pinwm_drake.learning.runtime import Network
 from pinwm_drake.learning.safety import SafetyLimits
@@ -277,12 +277,15 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     try:
         spec = PolicySpec.from_document(document.get("spec"))
         limits = SafetyLimits.from_document(document.get("safety"))
+        told = document.get("arms", [])
+        require("arms", told, isinstance(told, list), "a list of checks of arms")
+        arms = [ArmCheck.from_document(one) for one in told]
     except ParameterError as error:
         raise InputError(path, value=error, allowed="a contract that `pinwm export` wrote") from error
     if spec.observes != "rgb":
         raise InputError(path, value=f"spec.observes: {spec.observes}", allowed="rgb; other policies have no bundle")
     # The mask follows from the golden samples, which follow from the specification: it is compared after them.
-    expected = make_contract(spec, limits, (), estimate=ESTIMATE in str(document.get("outputs")))
+    expected = make_contract(spec, limits, (), estimate=ESTIMATE in str(document.get("outputs")), arms=arms)
     shown, expected = ({name: one for name, one in each.items() if name != "mask"} for each in (document, expected))
     if (differs := difference(shown, expected)) is not None:
         name, found, wanted = differs

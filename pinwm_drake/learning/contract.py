@@ -6,20 +6,69 @@ compare.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
+from pydantic import Field
+
+from pinwm_drake.errors import require
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.learning.spec import PolicySpec
+from pinwm_drake.validation import check_fields, from_document
 
 SCHEMA_VERSION = 2
 OPSET = 18
 IMAGE, POSITION, GOAL = "image", "pusher_position", "goal"
 TRANSLATION, ESTIMATE = "pusher_translation", "state_estimate"
+FOLLOWED = 0.2  # largest error of a tool that follows
 _PROSE = ("notes", "meaning")
+_Error = Annotated[float, Field(ge=0, json_schema_extra={"allowed": "a finite number, 0 or more"})]
+
+
+@dataclass(frozen=True)
+class ArmCheck:
+    """Check of a simulated arm: whether its tool follows the motions that the policy makes.
+
+    Attributes:
+        arm: Name of the arm, as `--arm-model` takes it.
+        title: Maker and name.
+        follows: Flag: the error is 0.2 at most.
+        error: Root mean square of the differences of actions' ways from those of a pusher that the limits of `safety`
+            alone hold back, over that of the ways; None where the arm reaches no place that a motion begins at.
+        reason: Limits that are less than those of `safety`, or the place that is not reached, in words.
+
+    Raises:
+        ParameterError: A value is of another kind, or out of range.
+    """
+
+    arm: str
+    title: str
+    follows: bool
+    error: _Error | None
+    reason: str
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        near = self.error is not None and self.error <= FOLLOWED
+        require("follows", f"{self.follows} with error {self.error}", self.follows == near, f"{near}")
+
+    @classmethod
+    def from_document(cls, document: Any) -> "ArmCheck":
+        """Check that is described as plain data; raises ParameterError where a key or a value is another."""
+        return from_document(cls, document, "arms")
+
+    def __str__(self) -> str:
+        off = "" if self.error is None else f"the way of an action is off by {self.error:.0%}; "
+        return f"{self.title} {'follows' if self.follows else 'does not follow'} the policy: {off}{self.reason}"
 
 
 def make_contract(
-    spec: PolicySpec, limits: SafetyLimits, mask_pixels: Sequence[int], *, estimate: bool = True
+    spec: PolicySpec,
+    limits: SafetyLimits,
+    mask_pixels: Sequence[int],
+    *,
+    estimate: bool = True,
+    arms: Sequence[ArmCheck] = (),
 ) -> dict[str, Any]:
     """Contract of a bundle, as plain data.
 
@@ -28,6 +77,7 @@ def make_contract(
         limits: Limits of the pusher's motion that a controller keeps, whatever the policy asks for.
         mask_pixels: Least and largest number of the object's pixels in an image; see `Golden.mask_pixels`.
         estimate: Flag: the network gives its estimate of the task's state beside the action.
+        arms: Checks of arms; none where none was made.
     """
     # Without a delay a policy is trained in an environment that waits for it.
     axes = " and ".join(spec.task.axes)
@@ -79,7 +129,8 @@ def make_contract(
             "safety": "kept by the controller, whatever the network asks for; m, m/s, m/s^2 and s",
             "robot": "it has to follow commands up to safety.max_speed and safety.max_acceleration within the box: in "
             "training the pusher takes a new velocity at once. One that is slower does other motions than those that "
-            "were learned; the simulated arm says so",
+            "were learned. arms: whether simulated arms follow the motions of the golden samples' episodes. error is "
+            "the root mean square by which actions' ways are off, over that of the ways; up to 0.2 counts as following",
         },
         "onnx": {"opset": OPSET},
         "inputs": [
@@ -124,6 +175,7 @@ def make_contract(
         ],
         "mask": {"pixels": [int(value) for value in mask_pixels], "hidden": [255, 255, 255]},
         "safety": limits.to_document(),
+        **({"arms": [asdict(one) for one in arms]} if arms else {}),
         "spec": spec.to_document(),
     }
 

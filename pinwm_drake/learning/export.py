@@ -5,7 +5,7 @@ import contextlib
 import copy
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from pinwm_drake.learning.contract import (
     POSITION,
     SCHEMA_VERSION,
     TRANSLATION,
+    ArmCheck,
     make_contract,
 )
 from pinwm_drake.learning.golden import Golden
@@ -92,6 +93,7 @@ def export_policy(
     limits: SafetyLimits,
     samples: tuple[np.ndarray, ...],
     estimate: bool = True,
+    arms: Sequence[ArmCheck] = (),
 ) -> Bundle:
     """Write a bundle, which appears whole or not at all, and read it back.
 
@@ -103,6 +105,7 @@ def export_policy(
             them, goals (n, goal_size) of a run of the policy, n of 1 or more. A few that no run has, with positions
             beyond the box, are added.
         estimate: Flag: the network gives its estimate of the state; false where it was not taught the state.
+        arms: Checks of arms, for the contract.
 
     Returns:
         The bundle, as it was read back.
@@ -113,7 +116,7 @@ def export_policy(
     """
     require_exportable(policy)
     spec, golden = policy.spec, golden_samples(policy, *samples, estimate=estimate)
-    contract = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate)
+    contract = make_contract(spec, limits, golden.mask_pixels(), estimate=estimate, arms=arms)
     files = {
         ONNX_FILE: onnx_bytes(policy, estimate=estimate),
         CONTRACT_FILE: yaml_text(dict(contract)).encode(),

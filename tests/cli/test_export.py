@@ -64,8 +64,11 @@ def test_a_bundle_is_written_with_what_the_policy_sees(pinwm, folder, policy, tm
     )
     assert lines[1].startswith("16 golden samples; onnxruntime is ")
     assert lines[2].endswith(" ms a call on one core")
-    assert [line.split()[1] for line in lines[3:7]] == [str(path) for path in sorted(out.iterdir())]
-    assert lines[7] == f"SHA-256 of the bundle: {bundle.sha256}"
+    assert lines[3].startswith("KUKA LBR iiwa 14 follows the policy: the way of an action is off by ")
+    assert lines[4].startswith("Franka Emika Panda follows the policy: ")
+    assert [one["arm"] for one in bundle.contract["arms"]] == ["iiwa", "panda"]
+    assert [line.split()[1] for line in lines[5:9]] == [str(path) for path in sorted(out.iterdir())]
+    assert lines[9] == f"SHA-256 of the bundle: {bundle.sha256}"
 
 
 def without_window(policy: Policy, **changes) -> Policy:
@@ -76,7 +79,7 @@ def without_window(policy: Policy, **changes) -> Policy:
 
 def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
     write_policy(tmp_path / "policy", without_window(policy, scene=None))
-    assert export_bundle(tmp_path / "policy", tmp_path / "bundle", scene="push_t").spec == without_window(policy).spec
+    assert export_bundle(tmp_path / "policy", tmp_path / "bundle", scene="push_t", arms=False).spec == without_window(policy).spec
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):

@@ -80,7 +80,7 @@ def test_a_task_of_its_own_is_trained_evaluated_and_exported(tmp_path):
     )
     assert found.episodes == 2
     assert "success in the task toy_slide" in (tmp_path / "evaluation/report.html").read_text()
-    bundle = export_bundle(str(tmp_path / "run"), str(tmp_path / "bundle"), scene=scene)
+    bundle = export_bundle(str(tmp_path / "run"), str(tmp_path / "bundle"), scene=scene, arms=False)
     assert bundle.spec == policy.spec
     assert bundle.contract["spec"]["task"] == {"name": "toy_slide", "distance": 0.05}
 
@@ -95,7 +95,7 @@ def test_a_task_in_three_dimensions_is_exported_and_controlled(tmp_path):
     with torch.no_grad():
         actor.head.weight.mul_(20.0)  # decided
     write_policy(tmp_path / "policy", Policy(spec, actor))
-    bundle = export_bundle(tmp_path / "policy", tmp_path / "bundle", scene=scene)
+    bundle = export_bundle(tmp_path / "policy", tmp_path / "bundle", scene=scene, arms=False)
     env = TaskEnv(setup, "twin", options)
     assert env.action_space.shape == (3,)
     env.reset(seed=0)

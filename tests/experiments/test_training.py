@@ -200,7 +200,7 @@ def test_teacher_and_student_that_see_the_past_are_trained_read_and_evaluated(se
 
 
 def test_a_policy_that_sees_the_past_has_a_bundle_and_teaches_none_that_does_not(sees_the_past, tmp_path):
-    bundle = export_bundle(sees_the_past, tmp_path / "bundle")
+    bundle = export_bundle(sees_the_past, tmp_path / "bundle", arms=False)
     assert bundle.contract["inputs"][1]["shape"] == [10]
     request = TrainRequest("push_t", tmp_path / "run", teacher=sees_the_past / "teacher" / "policy", worlds=2)
     with pytest.raises(InputError, match="a history of 2; allowed: 0"):

@@ -88,6 +88,7 @@ class ExportRequest:
             default="that of training, 10 mm higher",
         ),
     ] = None
+    arms: Annotated[bool, option("Check in simulation which arms follow the policy.", group=LAB)] = True
     seed: Annotated[int, option("Seed of the golden samples' episodes.", group=ADVANCED, ge=0)] = 0
 
     @property

@@ -12,9 +12,10 @@ from pinwm_drake.geometry.hull.repair import as_mesh, simplified
 from pinwm_drake.geometry.hull.visual import Grid, hull_depths, sampled, signed_distance
 
 _VOXELS = 70  # along the largest extent of the object
-_MISSES = 1  # masks that may be wrong at a point
+_ALONE = 1.0  # voxels that one mask alone takes off
 _ROOM = 2  # voxels of the coarse hull around its points
 _BAND = 3.3  # voxels around a surface in which depths count
+_MARGIN = 1.0  # voxels, of a hull around depths
 _CRUMB = 1e-3  # of the largest piece: less is noise of the size of voxels
 _SMOOTH = 0.7  # voxels, of the noise of depths
 
@@ -46,9 +47,11 @@ def hull_meshes(
     low[2] = floor - voxel
     grid = Grid.between(low, high, voxel)
     places = grid.points()
-    field = hull_depths([signed_distance(mask) for mask in masks], projections, places, min(_MISSES, len(masks) - 1))
+    distances = [signed_distance(mask) for mask in masks]
+    field = hull_depths(distances, projections, places, _ALONE * voxel)
     if depths is not None:
-        field = np.minimum(field, _fused(depths, projections, places, _BAND * voxel))
+        # Outlines waver, and the least of many is too small: where depths tell, they do.
+        field = np.minimum(field + _MARGIN * voxel, _fused(depths, projections, places, _BAND * voxel))
     values = field.reshape(grid.shape)
     values = ndimage.gaussian_filter(values, _SMOOTH) if depths is not None else values
     made = _surface(values, grid)
@@ -88,11 +91,15 @@ def _fused(
 ) -> np.ndarray:
     """Distances (n,) [m] of points from the surface that depths show, positive inside, within a band.
 
+    Pixels beside a jump of more than the band do not count: they mix what is before with what is behind.
+
     Source: Curless and Levoy, "A volumetric method for building complex models from range images" (1996).
     """
     total, number = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
     for picture, P in zip(depths, projections, strict=True):
-        seen, _ = sampled((picture > 0).astype(np.float32), P, points, 0.0)
+        nearest, farthest = (filtered(picture, 3) for filtered in (ndimage.minimum_filter, ndimage.maximum_filter))
+        known = (nearest > 0) & (farthest - nearest < band)
+        seen, _ = sampled(known.astype(np.float32), P, points, 0.0)
         value, depth = sampled(picture.astype(np.float32), P, points, 0.0)
         behind = depth - value
         counts = (seen > 0.999) & (behind < band)

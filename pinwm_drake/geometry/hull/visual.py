@@ -97,18 +97,24 @@ def parts(flags: np.ndarray, *, corners: bool = True) -> tuple[np.ndarray, np.nd
 
 
 def hull_depths(
-    distances: Sequence[np.ndarray], projections: Sequence[np.ndarray], points: np.ndarray, misses: int
+    distances: Sequence[np.ndarray], projections: Sequence[np.ndarray], points: np.ndarray, most: float
 ) -> np.ndarray:
     """Distances (n,) float32 [m] of points from the surface of the hull, positive inside.
+
+    One mask alone takes off no more than `most` of what the others leave: a corner may be seen in one photo only, and a
+    mask may be wrong.
 
     Args:
         distances: Signed distances (H, W) [px] of the masks; see `signed_distance`.
         projections: (3, 4) each.
         points: (n, 3) m, world.
-        misses: Number of masks that may be wrong at a point.
+        most: m, that one mask alone takes off.
     """
     layers = np.empty((len(distances), len(points)), np.float32)
     for k, (picture, P) in enumerate(zip(distances, projections, strict=True)):
         value, depth = sampled(picture, P, points, _UNSEEN)
         layers[k] = value * depth / np.linalg.norm(P[0, :3] - P[2, :3] * (P[0, :3] @ P[2, :3]))
-    return np.partition(layers, misses, axis=0)[misses]
+    if len(layers) == 1:
+        return layers[0]
+    least, second = np.partition(layers, 1, axis=0)[:2]
+    return np.maximum(least, second - np.float32(most))
