@@ -26,7 +26,7 @@ from pinwm_drake.masks.shots import Shot, aimed_at
 from pinwm_drake.masks.start_pose import Outlines, StartPose, find_start_pose
 from pinwm_drake.reading.pictures import opened_picture
 
-HULL_ERROR = 2.4e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
+HULL_ERROR = 1.9e-3  # m, of the sides of a hull: see docs/how-to/photos-of-an-object.md
 _REACH, _VOXELS = 0.31, 72  # as in pinwm_drake/masks: of the distance of the cameras; along the diameter
 _KINDS = {"file": "the file", "depths": "depths within the hull of the masks", "hull": "the hull of the masks"}
 _SCALES = {"I;16": 1e-3, "I;16B": 1e-3, "I;16L": 1e-3, "F": 1.0}  # m, of a unit in pictures of a mode of Pillow

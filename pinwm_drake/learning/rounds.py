@@ -44,6 +44,7 @@ OnRound = Callable[[int], None]
 EVALUATION_SEED = 1_000_000  # seed of the first world, in every round: rounds are compared on the same starts
 _BEST, _WORLDS = "best.", "worlds."
 _LITTLE = 0.05  # of the episodes' length, by which a round has to be better to count
+_ALIKE = 0.03  # of success, about a standard error of 128 episodes: nearer rounds are told apart by their length
 _NEARLY = 0.99  # share of a stage that is told at most, of one that ends with its budget
 _PERIOD = 30.0  # s, between two checkpoints within a round, at least
 
@@ -95,6 +96,10 @@ class Until:
 
 
 ANY = Until()
+
+
+def _as_good(one: Round, best: Round) -> bool:
+    return one.success >= best.success - _ALIKE and one.length <= best.length * (1.0 + _LITTLE)
 
 
 def minutes_of(folder: Path) -> float:
@@ -197,12 +202,17 @@ class Rounds:
 
     @property
     def best(self) -> Round | None:
-        """Round with the shortest episodes in its evaluation, the earliest of several; None before the first.
+        """Best round by its evaluation: most success, and of those within 3 % of that the shortest; None at first.
 
-        Rounds without any success do not count; where all are such, it is the last one.
+        Where no round had any success, it is the last one.
         """
-        worked = [one for one in self.history if one.success > 0.0]
-        return min(worked or self.history[-1:], key=lambda one: one.length, default=None)
+        best, most = None, 0.0
+        for one in self.history:
+            most = max(most, one.success)
+            lost = best is None or best.success < most - _ALIKE or most == 0.0
+            if lost or (best is not None and one.success >= most - _ALIKE and one.length < best.length):
+                best = one
+        return best
 
     def ended(self, patience: int) -> bool:
         """Flag: all rounds are done, or one succeeded mostly and `patience` ones after it were hardly better.
@@ -217,7 +227,7 @@ class Rounds:
             return True
         if best.success <= 0.8:
             return self.number >= self.total
-        enough = next(one for one in self.history if one.length <= best.length * (1.0 + _LITTLE))
+        enough = next(one for one in self.history if _as_good(one, best))
         return self.number >= self.total or self.number - 1 - enough.number >= patience
 
     def falling(self, last: float) -> float:

@@ -24,12 +24,15 @@ def ended(tmp_path, *results):
 @pytest.mark.parametrize(
     ("results", "best"),
     [
-        ([(0.5, 20.0), (0.9, 9.0), (0.9, 9.0), (1.0, 12.0)], 1),  # the shortest, the earliest of several
+        ([(0.5, 20.0), (0.98, 9.0), (0.98, 9.0), (1.0, 12.0)], 1),  # of nearly as much success the shortest, the earliest
+        ([(0.8, 8.0), (0.9, 11.0), (0.88, 10.0)], 2),  # success comes first
+        ([(0.90, 11.0), (0.88, 10.0), (0.86, 9.0)], 1),  # no less than 3 % below the most, also by small steps
+        ([(0.80, 8.0), (0.82, 10.0), (0.84, 12.0), (0.84, 11.0)], 3),  # what was dropped does not come back
         ([(0.0, 25.0), (0.0, 25.0), (0.0, 25.0)], 2),  # without any success the one that learned longest
         ([(0.0, 7.0), (0.1, 24.0), (0.0, 5.0)], 1),  # what fails soon is not short
     ],
 )
-def test_the_best_round_is_the_shortest_that_had_a_success(tmp_path, results, best):
+def test_the_best_round_has_most_success_and_then_the_shortest_episodes(tmp_path, results, best):
     rounds = ended(tmp_path, *results)
     assert rounds.best.number == best
     assert rounds.best_weights()["weight"].item() == best

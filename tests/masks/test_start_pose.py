@@ -184,6 +184,6 @@ def test_a_mesh_error_of_a_person_stays(tmp_path):
         told = write_mesh_error(tmp_path, "hull")
         assert (tmp_path / "capture.yaml").read_text() == f"object: {{mesh_error: {after}}} # mine\n"
         assert len(told) == doubts
-    assert told == ["doubtful: capture.yaml keeps object.mesh_error = 0.001; sides of a hull are off by 0.0024 m"]
+    assert told == ["doubtful: capture.yaml keeps object.mesh_error = 0.001; sides of a hull are off by 0.0019 m"]
     assert write_mesh_error(tmp_path, "file") == []
     assert "mesh_error: 0.001}" in (tmp_path / "capture.yaml").read_text()

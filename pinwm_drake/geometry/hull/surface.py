@@ -91,14 +91,14 @@ def _fused(
 ) -> np.ndarray:
     """Distances (n,) [m] of points from the surface that depths show, positive inside, within a band.
 
-    Pixels beside a jump of more than the band do not count: they mix what is before with what is behind.
+    Pixels beside a jump of more than two bands do not count: they mix what is before with what is behind.
 
     Source: Curless and Levoy, "A volumetric method for building complex models from range images" (1996).
     """
     total, number = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
     for picture, P in zip(depths, projections, strict=True):
         nearest, farthest = (filtered(picture, 3) for filtered in (ndimage.minimum_filter, ndimage.maximum_filter))
-        known = (nearest > 0) & (farthest - nearest < band)
+        known = (nearest > 0) & (farthest - nearest < 2.0 * band)
         seen, _ = sampled(known.astype(np.float32), P, points, 0.0)
         value, depth = sampled(picture.astype(np.float32), P, points, 0.0)
         behind = depth - value

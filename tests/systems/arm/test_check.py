@@ -68,6 +68,6 @@ def test_places_out_of_reach_are_left_out_and_told_where_there_are_no_others(set
 )
 def test_a_check_that_contradicts_itself_is_refused(changes, message):
     document = {"arm": "iiwa", "title": "KUKA", "follows": False, "error": 0.5, "reason": "slow"}
-    assert FOLLOWED < ArmCheck.from_document(document).error
+    assert ArmCheck.from_document(document).error > FOLLOWED
     with pytest.raises(ParameterError, match=message):
         ArmCheck.from_document(document | changes)
