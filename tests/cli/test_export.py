@@ -79,7 +79,9 @@ def without_window(policy: Policy, **changes) -> Policy:
 
 def test_a_policy_without_a_scene_gets_that_of_the_command(folder, policy, tmp_path):
     write_policy(tmp_path / "policy", without_window(policy, scene=None))
-    assert export_bundle(tmp_path / "policy", tmp_path / "bundle", scene="push_t", arms=False).spec == without_window(policy).spec
+    bundle = export_bundle(tmp_path / "policy", tmp_path / "bundle", scene="push_t", arms=False)
+    assert bundle.spec == without_window(policy).spec
+    assert "arms" not in bundle.contract
 
 
 def test_wrong_input_is_one_line_and_exit_with_1(pinwm, folder, policy, tmp_path):

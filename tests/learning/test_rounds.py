@@ -24,7 +24,7 @@ def ended(tmp_path, *results):
 @pytest.mark.parametrize(
     ("results", "best"),
     [
-        ([(0.5, 20.0), (0.98, 9.0), (0.98, 9.0), (1.0, 12.0)], 1),  # of nearly as much success the shortest, the earliest
+        ([(0.5, 20.0), (0.98, 9.0), (0.98, 9.0), (1.0, 12.0)], 1),  # nearly as much success, shortest, earliest
         ([(0.8, 8.0), (0.9, 11.0), (0.88, 10.0)], 2),  # success comes first
         ([(0.90, 11.0), (0.88, 10.0), (0.86, 9.0)], 1),  # no less than 3 % below the most, also by small steps
         ([(0.80, 8.0), (0.82, 10.0), (0.84, 12.0), (0.84, 11.0)], 3),  # what was dropped does not come back

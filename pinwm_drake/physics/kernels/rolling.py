@@ -18,7 +18,7 @@ from pinwm_drake.geometry.vectors import dot, rotate, xyz
 from pinwm_drake.jit import kernel
 
 # Lever of rolling friction, m, and the most of it as a share of a rim's radius.
-LEVER, MOST_LEVER = 1e-3, 0.025
+LEVER, MOST_LEVER = 2e-4, 0.025
 # A rim nearer than this to the floor rests on it, m.
 RESTS = 1e-4
 _NO_PIECE = -1
