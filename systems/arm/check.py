@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Check of a simulated arm: does its tool follow the motions that a policy makes?"""
+"""Check of a simulated arm: whether its tool follows the motions that a policy makes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
