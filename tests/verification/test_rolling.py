@@ -119,7 +119,7 @@ def test_a_mug_that_is_let_go_on_its_rim_lies_still_about_as_soon_as_in_other_en
 
 
 def test_a_rim_that_rolls_loses_the_work_of_rolling_friction_and_that_of_a_millimetre_at_most_on_its_corners():
-    # The work is that of the weight at a lever of 0.2 mm, times the squared cosine of the tilt, over the horizontal turn.
+    # The work is that of the weight at a lever of 0.2 mm, times the squared cosine of the tilt, over the turn.
     across, a, spin, seconds = 0.0013, math.radians(20.0), 4.0, 0.15
     model = Model(bodies=[Body("mug", [cylinder(0.04, 0.08)], 1.0, np.diag([across] * 3))], time_step=1 / RATE)
     lowest = np.array([0.0, 0.04 * (math.sin(a) - math.cos(a)), -0.04 * (math.sin(a) + math.cos(a))])
