@@ -12,9 +12,10 @@ from pinwm_drake.errors import InputError, require
 from pinwm_drake.experiments.progress import Progress, silent
 from pinwm_drake.files import appearing
 from pinwm_drake.learning.bundle import Bundle, is_bundle, read_bundle
+from pinwm_drake.learning.contract import ArmCheck
 from pinwm_drake.learning.export import export_policy, require_exportable
 from pinwm_drake.learning.policy import Policy, read_policy
-from pinwm_drake.learning.safety import default_limits
+from pinwm_drake.learning.safety import SafetyLimits, default_limits
 from pinwm_drake.systems.arm.check import ToolMotion, check_arm
 from pinwm_drake.systems.arm.model import ARMS
 from pinwm_drake.systems.envs.policy_scene import policy_setup, scene_spec, spec_environment
@@ -69,10 +70,7 @@ def export_bundle(
     taught = about.get("method") != "ppo" or bool(about.get("auxiliary", False))
     with appearing(out) as temporary:
         samples, motions = seen_samples(policy, setup, seed, lambda share: progress("acting", share, "golden samples"))
-        placed, checks = spec_environment(policy.spec, setup, "twin").setup, []
-        for k, arm in enumerate(ARMS if arms else ()):
-            progress("checking arms", k / len(ARMS), arm)
-            checks.append(check_arm(arm, placed, chosen, motions))
+        checks = _checked_arms(policy, setup, chosen, motions, progress) if arms else []
         progress("exporting", 0.0, "network")
         export_policy(policy, temporary, limits=chosen, samples=samples, estimate=taught, arms=checks)
     return read_bundle(out)
@@ -99,23 +97,30 @@ def seen_samples(
     """
     environment = spec_environment(policy.spec, scene, "twin", observation="rgb_state")
     images, p_WP, goals, motions = [], [], [], []
-    spec, axes = policy.spec, list(policy.spec.task.axis_indices)
     for episode in range(_EPISODES):
         observation, _ = environment.reset(seed=seed + episode)
-        start, velocities = np.array([0.0, 0.0, spec.pusher_height]), []
-        start[axes] = spec.pusher_metres(observation["pusher"])[: spec.action_size]
+        start, actions = environment.worlds.run.p_WP[0].copy(), []
         for step in range(_ACTIONS):
             if step % _EVERY == 0:
                 images.append(observation["image"])
                 p_WP.append(policy.spec.pusher_metres(observation["pusher"]))
                 goals.append(environment.worlds.goal[0])
             action, _ = policy.predict(observation)
-            velocity = np.zeros(3)
-            velocity[axes] = spec.max_translation / spec.horizon * action / max(float(np.linalg.norm(action)), 1.0)
-            velocities.append(velocity)
+            actions.append(action)
             observation, _, terminated, truncated, _ = environment.step(action)
             report((episode * _ACTIONS + step + 1) / (_EPISODES * _ACTIONS))
             if terminated or truncated:
                 break
-        motions.append(ToolMotion(start, np.array(velocities), spec.horizon))
+        d_W = policy.spec.task.translation(np.stack(actions), policy.spec.max_translation)
+        motions.append(ToolMotion(start, d_W / policy.spec.horizon, policy.spec.horizon))
     return (np.stack(images), np.stack(p_WP), np.stack(goals)), motions
+
+
+def _checked_arms(
+    policy: Policy, scene: Scene, limits: SafetyLimits, motions: list[ToolMotion], progress: Progress
+) -> list[ArmCheck]:
+    setup, checks = spec_environment(policy.spec, scene, "twin").setup, []
+    for k, arm in enumerate(ARMS):
+        progress("checking arms", k / len(ARMS), arm)
+        checks.append(check_arm(arm, setup, limits, motions))
+    return checks

@@ -114,21 +114,25 @@ def check_arm(arm: ArmName, setup: Setup, limits: SafetyLimits, motions: Sequenc
     Raises:
         InputError: A mesh cannot be used.
     """
-    title, errors, ways, reason = ARMS[arm].title, list[np.ndarray](), list[np.ndarray](), "no motion"
+    title, errors, ways, away = ARMS[arm].title, list[np.ndarray](), list[np.ndarray](), "no motion"
+    try:
+        driven = CommandedArm(setup, arm)
+    except ParameterError as error:
+        return ArmCheck(arm, title, False, None, str(error))
+    reached = driven.driver.limits
+    limiter = VelocityLimiter(replace(limits, box_low=reached.box_low, box_high=reached.box_high), _EVERY)
     for motion in motions:
         try:
-            driven = CommandedArm(setup, arm)
             driven.begin(motion.p_WP)
         except ParameterError as error:
-            reason = str(error)
+            away = str(error)
             continue
-        limits = replace(limits, box_low=driven.driver.limits.box_low, box_high=driven.driver.limits.box_high)
-        for asked, made in _ways(driven, motion, VelocityLimiter(limits, _EVERY)):
+        for asked, made in _ways(driven, motion, limiter):
             ways.append(asked)
             errors.append(made - asked)
-        reason = limits.shortfall(driven.driver.limits) or "its limits are no less than the policy's"
     if not errors:
-        return ArmCheck(arm, title, False, None, reason)
+        return ArmCheck(arm, title, False, None, away)
+    reason = limits.shortfall(reached) or "its limits are no less than the policy's"
     share = round(float(np.linalg.norm(errors)) / max(float(np.linalg.norm(ways)), _STILL), 3)
     return ArmCheck(arm, title, share <= FOLLOWED, share, reason)
 

@@ -36,8 +36,7 @@ def test_a_slow_way_is_followed(setup, arm):
 
 
 def test_turns_beyond_the_arms_acceleration_are_not_followed(setup):
-    # A pusher with 40 m/s^2 turns round in 5 ms; 4 m/s^2 need half of the action, in which it makes a quarter of the
-    # way less than nothing.
+    # With 40 m/s^2 a pusher of 0.1 m/s turns round within 5 ms; with 4 m/s^2 that takes half of an action.
     fast = dataclasses.replace(LIMITS, max_acceleration=40.0)
     found = check_arm("iiwa", setup, fast, [motion(ZIGZAG), motion(ZIGZAG)])
     assert not found.follows
@@ -53,6 +52,14 @@ def test_places_out_of_reach_are_left_out_and_told_where_there_are_no_others(set
     assert (found.follows, found.error) == (False, None)
     assert "out of the arm's reach" in found.reason
     assert check_arm("iiwa", setup, LIMITS, [far, motion(slow)]).follows
+
+
+def test_a_scene_out_of_reach_is_told(setup):
+    pusher = dataclasses.replace(setup.scenario.pusher, low=(0.3, -0.3, 0.0), high=(0.4, 0.3, 0.1))
+    far = dataclasses.replace(setup, scenario=dataclasses.replace(setup.scenario, pusher=pusher))
+    found = check_arm("iiwa", far, LIMITS, [motion(ZIGZAG, x=0.35)])
+    assert (found.follows, found.error) == (False, None)
+    assert "box_low, box_high" in found.reason
 
 
 @pytest.mark.parametrize(
