@@ -28,6 +28,7 @@ _KEPT = 0.5  # of the points of a hull: where fewer are left, the thing has the 
 # Pixels: from the hull to the middle of the ring and its width; around the hull; sure ones within hull and mask; and
 # depth in the hull, of the largest, that is sure.
 _RING, _NEAR, _SURROUNDINGS, _INNER, _DEEP = (4, 12), 4, 25, 4, 0.6
+_PART, _LIKE = 0.005, 0.3  # of the hull: size of a part that GrabCut left out; share of it with the object's colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +130,33 @@ def _cut(
         if k not in known and not (first and plain[k]):
             guess = guess_by_colours(colours[k], outlines[k], cut[k] if plain[k] else None, counts)
             cut[k] = cut_out(shot.image, guess)
+            if not plain[k]:
+                cut[k] |= room_coloured(colours[k], outlines[k], cut[k], counts)
     return cut
+
+
+def room_coloured(lab: np.ndarray, hull: np.ndarray, mask: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Parts (H, W) bool of the object that GrabCut took for the room, whose colours are not those beside them.
+
+    GrabCut knows the room's colours, not their places: a part of the object with the colour of a thing elsewhere is
+    left out.
+
+    Args:
+        lab: (H, W, 3) uint8, the photo in Lab.
+        hull: (H, W) bool, the outline of the hull.
+        mask: (H, W) bool, what GrabCut found.
+        counts: Histogram of the object's colours.
+    """
+    number, labels = cv2.connectedComponents((grown(hull, -1) & ~mask).astype(np.uint8), connectivity=4)
+    found, outside, least = np.zeros_like(mask), ~grown(hull, _RING[0]), _PART * hull.sum()
+    for part in (labels == k for k in range(1, number)):
+        beside = grown(part, _RING[1]) & outside
+        if part.sum() >= least and beside.any():
+            like = part & (evidence(lab, counts, histogram(lab, beside)) > 0)
+            like &= grown(grown(like, -1), 1)
+            if like.sum() >= max(least, _LIKE * part.sum()):
+                found |= like
+    return found
 
 
 def _hull(

@@ -21,6 +21,7 @@ _ROUNDS = 2  # of colours and pose, for each image
 _UNLIKE = -1.0  # evidence below which a pixel beside the pusher belongs to it or to what holds it
 _WIDER = 2.0  # of the pusher: what holds it
 _NEAR = 3  # px around the pusher, whose edge is not the object's
+_EDGE = 25.0  # of Lab in bytes, least difference across the edge of what hides the object
 _DIFFERS = 0.8  # IoU of colours and mesh below which an image is doubtful
 
 
@@ -88,10 +89,37 @@ def _hidden(
 ) -> np.ndarray:
     """Pixels (h, w) bool of the pusher and of what holds it: above it, joined to it, not of the object's colours."""
     around = grown(outline, 20) & ~grown(outline, 2)
-    unlike = (evidence(lab, counts, histogram(lab, around | pusher)) < _UNLIKE) & outline & above
+    unlike = (evidence(lab, counts, histogram(lab, around | pusher)) < _UNLIKE) & outline & above & ~pusher
+    unlike &= ~in_the_shade(lab, unlike, outline & ~pusher & ~unlike)
     _, labels = cv2.connectedComponents((unlike | pusher).astype(np.uint8))
     touching = np.unique(labels[grown(pusher, 1) & (labels > 0)])
     return pusher | np.isin(labels, touching[touching > 0])
+
+
+def in_the_shade(lab: np.ndarray, unlike: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Parts (h, w) bool that pass into the rest of the object without an edge: its own side in the shade.
+
+    Args:
+        lab: (h, w, 3) uint8, the image in Lab.
+        unlike: (h, w) bool, pixels within the outline that have not the object's colours.
+        rest: (h, w) bool, the others.
+    """
+    number, labels = cv2.connectedComponents(unlike.astype(np.uint8))
+    shaded = np.zeros_like(unlike)
+    for part in (labels == k for k in range(1, number)):
+        border = grown(part, 1) & rest
+        if border.any():
+            step = _mean_around(lab, part)[border] - _mean_around(lab, rest)[border]
+            if np.median(np.linalg.norm(step, axis=1)) < _EDGE:
+                shaded |= part
+    return shaded
+
+
+def _mean_around(lab: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Mean colours (h, w, 3) of the pixels of a mask within `_NEAR` px."""
+    size, share = (2 * _NEAR + 1,) * 2, mask.astype(np.float32)
+    sums = cv2.boxFilter(lab.astype(np.float32) * share[..., None], -1, size)
+    return sums / np.maximum(cv2.boxFilter(share, -1, size), 1e-6)[..., None]
 
 
 def _held(pusher: trimesh.Trimesh, X_WP: np.ndarray, height: float) -> trimesh.Trimesh:

@@ -2,7 +2,7 @@
 import numpy as np
 import trimesh
 
-from pinwm_drake.masks.moving import follow
+from pinwm_drake.masks.moving import follow, in_the_shade
 from pinwm_drake.masks.shots import Shot
 from tests.masks.scenes import BLUE, FOCAL, SIZE, block, cameras, iou, photo, pose
 
@@ -34,3 +34,13 @@ def test_a_push_is_followed_and_what_holds_the_pusher_is_no_object():
         assert iou(mask, label == 1) > 0.9  # the bar of the issue for the worst image
         assert mask[label > 1].mean() < 0.2
         assert np.linalg.norm(X_WO[:3, 3] - true[:3, 3]) < 3e-3
+
+
+def test_a_side_in_the_shade_has_no_edge_and_a_rod_before_it_has_one():
+    lightness = np.tile(np.clip(20 + 4 * np.arange(60), 0, 200), (40, 1))  # a round side, darker to the left
+    lightness[:, 45:50] = 60  # a rod before the light side
+    lab = np.stack([lightness, *np.full((2, 40, 60), 128)], -1).astype(np.uint8)
+    unlike = lightness < 90
+    shaded = in_the_shade(lab, unlike, ~unlike)
+    assert shaded[:, :17].all()
+    assert not shaded[:, 45:50].any()
