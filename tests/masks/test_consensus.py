@@ -9,7 +9,7 @@ GREY, RED, PURPLE = (90, 90, 90), (200, 40, 40), (110, 40, 170)
 
 
 def test_a_part_with_the_colour_of_a_thing_elsewhere_in_the_room_is_the_objects():
-    """A red and purple object before a grey table; a purple thing stands far from it, and the hull is a bit too large."""
+    """A red and purple object before a grey table; a purple thing stands far off, and the hull is too large."""
     image = np.full((120, 160, 3), GREY, np.uint8)
     image[:30, 120:] = PURPLE
     image[40:80, 50:90] = RED
