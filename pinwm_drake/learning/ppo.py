@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: MIT
 """PPO of SB3 on a task, from the state or from images, in rounds."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
+from torch.optim.swa_utils import AveragedModel
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
@@ -22,13 +24,13 @@ from pinwm_drake.learning.policy import Policy, make_actor
 from pinwm_drake.learning.round_callback import Arrays, Learner
 from pinwm_drake.learning.rounds import Rounds, StageRun
 from pinwm_drake.learning.spec import PolicySpec
-from pinwm_drake.learning.weights import has_bfloat16, pack, unpack
+from pinwm_drake.learning.weights import has_bfloat16, pack, set_weights, unpack, weights
 from pinwm_drake.learning.worlds import TowardGoal
 from pinwm_drake.tasks.history import begun
 from pinwm_drake.tasks.waypoints import Waypoints
 
 _IMAGES = 256  # in an update of estimates
-_ESTIMATION = "estimation/"
+_ESTIMATION, _MEAN = "estimation/", "mean/"
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,17 @@ class PpoOptions(RewardOptions):
         entropy: Weight of the actions' entropy in the objective.
         value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
             gradient's norm.
+        averaged: Share that the mean of a policy's weights keeps at each rollout, less at first. The mean of a policy
+            of the state is what is evaluated and kept: single updates fit it to contacts of this engine alone. 0 takes
+            the last weights.
         imitation: Number of updates by the actions that are shown, where there are any.
         auxiliary: Number of passes over a rollout's images by which an estimate of the state is learned, on which a
             policy of images acts; 0 learns from images to actions by the reward alone.
         auxiliary_rate: Learning rate of that at first; it falls as the other one does.
     """
 
-    may_be_zero: ClassVar[tuple[str, ...]] = ("shift", "gain", "entropy", "imitation", "auxiliary")
+    may_be_zero: ClassVar[tuple[str, ...]] = ("shift", "gain", "entropy", "averaged", "imitation", "auxiliary")
+    up_to_one: ClassVar[tuple[str, ...]] = ("averaged",)
 
     steps: int = 3_000_000
     round_steps: int = 100_000
@@ -66,6 +72,7 @@ class PpoOptions(RewardOptions):
     gain: float = 0.0
     entropy: float = 0.0
     value: float = 0.05
+    averaged: float = 0.85
     imitation: int = 500
     auxiliary: int = 0
     auxiliary_rate: float = 1e-3
@@ -114,10 +121,35 @@ def train_ppo(
     return _Learner(worlds, spec, options, run, shown).train(env, worlds, options.n_steps * env.num_envs, run)
 
 
+class MeanWeights(BaseCallback):
+    """Mean of an actor's weights over the last rollouts.
+
+    Source: Polyak and Juditsky, "Acceleration of stochastic approximation by averaging" (1992).
+    """
+
+    def __init__(self, pull: Callable[[], nn.Module], most: float) -> None:
+        """Begin with the weights as they are.
+
+        Args:
+            pull: Returns the actor with its present weights.
+            most: Share that the mean keeps at a rollout, at the most: the first n rollouts count alike.
+        """
+        super().__init__()
+        self._pull = pull
+        self.mean = AveragedModel(pull(), avg_fn=lambda mean, new, n: mean + max(1.0 - most, 1.0 / (n + 1)) * (new - mean))
+
+    def _on_rollout_end(self) -> None:
+        self.mean.update_parameters(self._pull())
+
+    def _on_step(self) -> bool:
+        return True
+
+
 class _Learner(Learner):
     """SB3's PPO of a policy and, where it acts on estimates, the regression of these."""
 
     loss = "train/value_loss"
+    _estimates = False
     model: Ppo
     options: PpoOptions
 
@@ -128,10 +160,12 @@ class _Learner(Learner):
         self.spec, self.options, self._seed, self._shown = spec, options, run.seed, shown
         device = run.device
         self._actor = acts = make_actor(spec).to(device)
+        self._mean: MeanWeights | None = None
         if isinstance(self._actor, ImageActor):
             self._actor.mixed_precision = has_bfloat16(device)
         if isinstance(self._actor, ImageActor) and options.auxiliary:
             env = worlds = Estimated(env, self._actor, options.n_steps)
+            self._estimates = True
             acts = self._actor.actor
             self._optimizer = torch.optim.Adam(self._actor.estimation(), options.auxiliary_rate)
             augment, epochs = Augment(options.shift, options.gain), options.auxiliary
@@ -156,6 +190,9 @@ class _Learner(Learner):
             device=device,
             policy_kwargs={"actor": acts},
         )
+        if options.averaged and not isinstance(self._actor, ImageActor):
+            self._mean = MeanWeights(self._policy.pull, options.averaged)
+            self.callbacks = [self._mean]
 
     @property
     def _policy(self) -> ActorCritic:
@@ -164,26 +201,29 @@ class _Learner(Learner):
 
     def network(self) -> nn.Module:
         self._policy.pull()
-        return self._actor.eval()
+        actor: nn.Module = self._actor if self._mean is None else self._mean.mean.module
+        return actor.eval()
 
     def set_rate(self, share: float) -> None:
         super().set_rate(share)
-        if self.callbacks:
+        if self._estimates:
             for group in self._optimizer.param_groups:
                 group["lr"] = share * self.options.auxiliary_rate
 
     def pack(self) -> Arrays:
         arrays = pack(self._policy, self._policy.optimizer)
-        if self.callbacks:
+        if self._estimates:
             estimation = pack(self._actor, self._optimizer)
             arrays |= {f"{_ESTIMATION}{name}": values for name, values in estimation.items()}
+        if self._mean is not None:
+            arrays |= {f"{_MEAN}{name}": values for name, values in weights(self._mean.mean).items()}
         return arrays
 
     def unpack(self, arrays: Mapping[str, np.ndarray]) -> None:
-        if self.callbacks:
-            names = [name for name in arrays if name.startswith(_ESTIMATION)]
-            estimation = {name.removeprefix(_ESTIMATION): arrays[name] for name in names}
-            unpack(estimation, self._actor, self._optimizer)
+        if self._estimates:
+            unpack(_named(arrays, _ESTIMATION), self._actor, self._optimizer)
+        if self._mean is not None:
+            set_weights(self._mean.mean, _named(arrays, _MEAN))
         unpack(arrays, self._policy, self._policy.optimizer)
 
     def prepare(self, rounds: Rounds) -> None:
@@ -195,3 +235,7 @@ class _Learner(Learner):
             state = begun(state, self.spec.action_size, self.spec.history, self._shown.past if known else None)
         action = torch.from_numpy(self._shown.action.astype(np.float32))
         self._policy.imitate(torch.from_numpy(state), action, updates=self.options.imitation, seed=self._seed)
+
+
+def _named(arrays: Mapping[str, np.ndarray], prefix: str) -> Arrays:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}

@@ -15,6 +15,7 @@ from pinwm_drake.validation import check_fields
 
 LENGTH, SPEED, TURN = 0.1, 1.0, 10.0  # m, m/s, rad/s: units of the state's components
 NEAR = 0.1  # m, from which on the pusher counts as at the object, in the shaped reward
+UPRIGHT = 0.6  # rad, from upright, from which on the rate of turn counts in it
 
 
 @dataclass(frozen=True)
@@ -26,11 +27,12 @@ class FlipTask(Task):
 
         paper    -d_t - d_r
         shaped   phi(before) - phi(after) - cost + bonus * worth on success,
-                 phi = 2 d_r + 2 max(0, reach - 0.1)    with the pusher's distance `reach` [m] in space,
+                 phi = 2 d_r + 2 max(0, reach - 0.1) + 0.2 min(w, 10) max(0, 1 - d_r / 0.6)
+                     with the pusher's distance `reach` [m] in space and the object's rate of turn w [rad/s],
                  worth = 1 up to `room` from the middle of the floor, 0 from twice that on, and linear between
 
     An object that is slapped over spins, flies or rolls off, differently in each engine and on each table, and out of
-    the camera's view.
+    the camera's view. One that is upright and turns rolls on its rim, for as long as an engine lets it.
 
     The state, float32 (18), each within [-20, 20], world axes:
 
@@ -117,7 +119,7 @@ class FlipTask(Task):
         speed, turn = lengths(object_state[:, 10:13]), lengths(object_state[:, 7:10])
         at_rest = (speed < self.rest_speed) & (turn < self.rest_turn)
         success = (distance < self.tolerance) & (angle < self.turn_tolerance) & at_rest
-        return Progress(distance, angle, reach, at_rest, success, lengths(p_WO[:, :2] - self.middle))
+        return Progress(distance, angle, reach, at_rest, success, lengths(p_WO[:, :2] - self.middle), turn)
 
     def worth(self, progress: Progress) -> np.ndarray:
         """Worth (W,) of successes: 1 in the room, and less farther off; see the class."""
@@ -214,5 +216,7 @@ def tilt(state: np.ndarray) -> float:
 
 
 def _potential(progress: Progress) -> np.ndarray:
+    assert progress.turn is not None
     phi: np.ndarray = 2.0 * progress.angle + 2.0 * np.maximum(progress.reach - NEAR, 0.0)
-    return phi
+    upright = np.maximum(1.0 - progress.angle / UPRIGHT, 0.0)
+    return phi + 2.0 * np.minimum(progress.turn / TURN, 1.0) * upright

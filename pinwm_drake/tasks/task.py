@@ -35,6 +35,7 @@ class Progress:
         at_rest: (W,) bool, true where the object rests.
         success: (W,) bool, true where the task is done.
         astray: (W,) m, level distance of the object from the middle of the floor; None where it does not matter.
+        turn: (W,) rad/s, the object's rate of turn; None where it does not matter.
     """
 
     distance: np.ndarray
@@ -43,6 +44,7 @@ class Progress:
     at_rest: np.ndarray
     success: np.ndarray
     astray: np.ndarray | None = None
+    turn: np.ndarray | None = None
 
 
 class Task(ABC):

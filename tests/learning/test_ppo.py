@@ -14,7 +14,7 @@ from pinwm_drake.learning.actor_critic import ActorCritic, Augmented, Ppo
 from pinwm_drake.learning.actors import LEVELS, ImageActor, StateActor, chosen, level_shares
 from pinwm_drake.learning.images.augment import Augment
 from pinwm_drake.learning.policy import make_actor
-from pinwm_drake.learning.ppo import PpoOptions, train_ppo
+from pinwm_drake.learning.ppo import MeanWeights, PpoOptions, train_ppo
 from pinwm_drake.learning.rounds import StageRun
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
@@ -57,6 +57,17 @@ def test_it_learns_from_the_state(tmp_path):
     assert before.success_rate < 0.5
     assert after.success_rate > 0.9
     assert isinstance(policy.actor, StateActor)
+
+
+def test_the_policy_has_the_mean_of_the_weights_that_acted():
+    layer, seen = torch.nn.Linear(1, 1, bias=False), []
+    mean = MeanWeights(lambda: layer, 0.75)
+    for value in (1.0, 3.0, 5.0, 7.0, 9.0, -1.0):
+        with torch.no_grad():
+            layer.weight[:] = value
+        mean._on_rollout_end()
+        seen.append(float(mean.mean.module.weight.detach()))
+    np.testing.assert_allclose(seen, [1.0, 2.0, 3.0, 4.0, 5.25, 3.6875], atol=1e-6)
 
 
 @pytest.mark.nightly

@@ -82,6 +82,15 @@ def test_the_shaped_reward_is_of_angle_and_reach_and_pays_success():
     np.testing.assert_allclose(task.rewards(far, away), [-0.2 - task.cost], atol=1e-6)
 
 
+def test_the_shaped_reward_is_less_for_what_turns_while_it_is_upright():
+    task = cube(reward="shaped")
+    calm, turning, fast = (measured(task, lying(tilt=0.3, turn=turn)) for turn in (0.0, 5.0, 50.0))
+    np.testing.assert_allclose(task.rewards(turning, calm), [0.2 * 5.0 * (1.0 - 0.3 / 0.6) - task.cost], atol=1e-6)
+    np.testing.assert_allclose(task.rewards(fast, turning), [0.5 - task.cost], atol=1e-6)
+    far, turning = (measured(task, lying(tilt=0.7, turn=turn)) for turn in (0.0, 5.0))
+    np.testing.assert_allclose(task.rewards(far, turning), [-task.cost], atol=1e-6)
+
+
 @pytest.mark.parametrize(("room", "share"), [(0.25, 1.0), (0.2, 2.0 - math.hypot(0.1, 0.2) / 0.2), (0.1, 0.0)])
 def test_a_success_far_from_the_middle_of_the_floor_is_worth_less(room, share):
     task = cube(reward="shaped", room=room)
