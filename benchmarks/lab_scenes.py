@@ -41,6 +41,8 @@ WOOD, STEEL, WHITE = (178, 138, 96), (140, 140, 145), (200, 196, 188)  # colours
 _LOOKS = {"white": (0.85, 0.85, 0.83), "grey": (0.45, 0.46, 0.48), "blue": (0.15, 0.3, 0.7)}
 _PARKED = np.array([0.0, -1.2, 0.0, -1.6, 0.0, 0.8, 0.0])  # rad, joints of the arm
 TIP = 0.01  # m, radius
+_BASE = RigidTransform([-0.62, 0, 0])  # of the arm
+_MIDDLE = (0.0, 0.0, 0.03)  # m, of the object on the table
 
 
 @dataclass(frozen=True)
@@ -114,25 +116,37 @@ class Lab:
         folder: Folder for meshes and textures.
         camera: Camera of the photos.
         others: Further objects: name, colour and place in the world each.
+        sheets: Rectangles with a picture, on the table: name, picture (H, W, 3) uint8, four corners [m] each.
+        base: Pose of the arm's base.
+        boxes: m, distances of the boxes from the middle of the table.
     """
 
     def __init__(
-        self, case: Case, folder: Path, camera: Camera, others: Sequence[tuple[str, str, RigidTransform]] = ()
+        self,
+        case: Case,
+        folder: Path,
+        camera: Camera,
+        others: Sequence[tuple[str, str, RigidTransform]] = (),
+        *,
+        sheets: Sequence[tuple[str, np.ndarray, np.ndarray]] = (),
+        base: RigidTransform = _BASE,
+        boxes: tuple[float, float] = (0.26, 0.5),
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         rng = np.random.default_rng(case.seed)
         builder = DiagramBuilder()
         self.plant, graph = AddMultibodyPlantSceneGraph(builder, 1e-3)
         self.mesh = trimesh.load(object_model(case.object).mesh_path, force="mesh")
-        self._fill(case, folder, rng)
+        self._fill(case, folder, rng, boxes)
+        for name, picture, corners in sheets:
+            self._visual(name, _quad(folder / name, picture, corners), RigidTransform())
         self.body = self.plant.AddRigidBody("object", SpatialInertia(1.0, np.zeros(3), UnitInertia.SolidSphere(0.05)))
         self._look(case, folder)
         for k, (name, look, X_WO) in enumerate(others):
             shape = Mesh(str(object_model(name).mesh_path))
             self._visual(f"other{k}", shape, X_WO, _LOOKS[look])
         self.arm = Parser(self.plant).AddModels(str(model_path("arm/iiwa14.sdf")))[0]
-        base = self.plant.GetFrameByName("base", self.arm)
-        self.plant.WeldFrames(self.plant.world_frame(), base, RigidTransform([-0.62, 0, 0]))
+        self.plant.WeldFrames(self.plant.world_frame(), self.plant.GetFrameByName("base", self.arm), base)
         tip = RigidTransform([0, 0, 0.35])
         rod = self.plant.GetBodyByName("rod", self.arm)
         self.plant.RegisterVisualGeometry(rod, tip, Sphere(TIP), "tip", np.array([0.3, 0.3, 0.32, 1.0]))
@@ -145,7 +159,7 @@ class Lab:
     def _visual(self, name: str, shape: object, X_W: RigidTransform, colour: Sequence[float] = (1, 1, 1)) -> None:
         self.plant.RegisterVisualGeometry(self.plant.world_body(), X_W, shape, name, np.array([*colour, 1.0]))
 
-    def _fill(self, case: Case, folder: Path, rng: np.random.Generator) -> None:
+    def _fill(self, case: Case, folder: Path, rng: np.random.Generator, boxes: tuple[float, float]) -> None:
         """Table, floor, walls, and boxes around the object."""
         seed = case.seed
         table = [[-0.9, -0.7, 0], [0.9, -0.7, 0], [0.9, 0.7, 0], [-0.9, 0.7, 0]]
@@ -158,7 +172,7 @@ class Lab:
             wall = [[*a, -0.75], [*b, -0.75], [*b, 1.8], [*a, 1.8]]
             self._visual(f"wall{k}", _quad(folder / f"wall{k}", clutter(7 * seed + k), wall), RigidTransform())
         for k in range(5):
-            angle, far, size = rng.uniform(0, 2 * np.pi), rng.uniform(0.26, 0.5), rng.uniform(0.02, 0.08, 3)
+            angle, far, size = rng.uniform(0, 2 * np.pi), rng.uniform(*boxes), rng.uniform(0.02, 0.08, 3)
             place = [far * np.cos(angle), far * np.sin(angle), size[2] / 2]
             X_W = RigidTransform(RotationMatrix.MakeZRotation(rng.uniform(0, 3)), place)
             self._visual(f"box{k}", Box(*size), X_W, rng.uniform(0.1, 0.9, 3).tolist())
@@ -199,15 +213,22 @@ class Lab:
         return result.GetSolution(problem.q())[rows]
 
     def take(self, X_WO: RigidTransform, X_WC: RigidTransform, joints: np.ndarray = _PARKED) -> tuple[np.ndarray, ...]:
-        """Take a picture: (H, W, 3) uint8, where the object is (H, W) bool, and depth (H, W) float32 [m]."""
+        """Take a picture as `shoot` does, and depth (H, W) float32 [m]."""
+        picture, label = self.shoot(X_WO, X_WC, joints)
+        mine = self.rig.sensor.GetMyContextFromRoot(self.context)
+        return picture, label, np.array(self.rig.sensor.depth_image_32F_output_port().Eval(mine).data)[..., 0]
+
+    def shoot(
+        self, X_WO: RigidTransform, X_WC: RigidTransform, joints: np.ndarray = _PARKED
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Take a picture: (H, W, 3) uint8, and where the object is (H, W) bool."""
         self.plant.SetPositions(self._plant_context, self.arm, joints)
         self.plant.SetFreeBodyPose(self._plant_context, self.body, X_WO)
         mine = self.rig.sensor.GetMyMutableContextFromRoot(self.context)
         self.rig.sensor.SetX_PB(mine, X_WC)
         colour = np.array(self.rig.sensor.color_image_output_port().Eval(mine).data)[..., :3]
         label = np.asarray(self.rig.sensor.label_image_output_port().Eval(mine).data)[..., 0]
-        depth = np.array(self.rig.sensor.depth_image_32F_output_port().Eval(mine).data)[..., 0]
-        return colour, label == int(self.body.index()), depth
+        return colour, label == int(self.body.index())
 
 
 def _renderer() -> RenderEngineVtkParams:
@@ -241,14 +262,21 @@ def looking(p_WC: Sequence[float], p_WT: Sequence[float], roll: float = 0.0) -> 
     return RigidTransform(RotationMatrix(R_WC), p_WC)
 
 
-def ring(number: int, low: float, high: float, rng: np.random.Generator, far: float = 0.45) -> list[RigidTransform]:
-    """Poses of cameras around the middle of the table, between two elevations [deg], as a hand would hold them."""
-    poses, middle = [], np.array([0.0, 0.0, 0.03])
+def ring(
+    number: int,
+    low: float,
+    high: float,
+    rng: np.random.Generator,
+    far: float = 0.45,
+    middle: Sequence[float] = _MIDDLE,
+) -> list[RigidTransform]:
+    """Poses of cameras around a place on the table, between two elevations [deg], as a hand would hold them."""
+    poses = []
     for k in range(number):
         elevation = np.radians(low + (high - low) * ((0.618 * k) % 1))
         angle = 2 * np.pi * k / number + rng.normal(0, 0.1)
         out = [np.cos(elevation) * np.cos(angle), np.cos(elevation) * np.sin(angle), np.sin(elevation)]
-        at = middle + far * (1 + rng.normal(0, 0.04)) * np.array(out)
+        at = np.array(middle) + far * (1 + rng.normal(0, 0.04)) * np.array(out)
         poses.append(looking(at, middle + rng.normal(0, 0.012, 3), rng.normal(0, 0.06)))
     return poses
 

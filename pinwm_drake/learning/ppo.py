@@ -135,8 +135,8 @@ class MeanWeights(BaseCallback):
             most: Share that the mean keeps at a rollout, at the most: the first n rollouts count alike.
         """
         super().__init__()
-        self._pull = pull
-        self.mean = AveragedModel(pull(), avg_fn=lambda mean, new, n: mean + max(1.0 - most, 1.0 / (n + 1)) * (new - mean))
+        self._pull, least = pull, 1.0 - most
+        self.mean = AveragedModel(pull(), avg_fn=lambda mean, new, n: mean + max(least, 1.0 / (n + 1)) * (new - mean))
 
     def _on_rollout_end(self) -> None:
         self.mean.update_parameters(self._pull())
