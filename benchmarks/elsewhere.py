@@ -2,7 +2,7 @@
 """A policy in engines that are not ours: episodes in MuJoCo or Bullet, with images by Drake's VTK.
 
     python -m benchmarks.elsewhere POLICY [--scene SCENE] [--engine ENGINE ...] [--episodes N] [--start S]
-        [--floor MU ...] [--pusher MU ...] [--latency S ...] [--lag S] [--out FILE]
+        [--floor MU ...] [--pusher MU ...] [--latency S ...] [--lag S] [--acceleration A] [--out FILE]
 
 Starts, observations, success and the pusher's box are those of `pinwm evaluate POLICY --scene SCENE`; object, floor and
 pusher move in the other engine, with the scene's theta and the object's convex pieces. Several frictions and latencies
@@ -10,6 +10,7 @@ are tried in all their combinations.
 """
 
 import argparse
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
@@ -54,6 +55,7 @@ class ElsewhereEnv(gymnasium.Env):
         theta: Mapping[str, float] | None = None,
         latency: float = 0.0,
         lag: float = 0.0,
+        acceleration: float = math.inf,
     ) -> None:
         self.env, self._engine = spec_environment(spec, scene, "point"), engine  # for starts and images
         self.observation_space, self.action_space = self.env.observation_space, self.env.action_space
@@ -64,8 +66,9 @@ class ElsewhereEnv(gymnasium.Env):
         self._thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
         pusher = setup.scenario.pusher
         self._box, self._horizon = (np.array(pusher.low), np.array(pusher.high)), float(pusher.horizon)
-        parts = _PARTS if latency or lag else 1
-        self._delay = Delay((latency, latency), self._horizon, 1, setup.task, parts, (lag, lag))
+        parts = _PARTS if latency or lag or math.isfinite(acceleration) else 1
+        most = acceleration * self._horizon**2 / self.env.run.max_translation
+        self._delay = Delay((latency, latency), self._horizon, 1, setup.task, parts, (lag, lag), most)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Begins the episode that `TaskEnv` begins with this seed."""
@@ -122,6 +125,7 @@ def main() -> None:
     parser.add_argument("--pusher", nargs="+", type=float, default=[None], help="friction at the pusher")
     parser.add_argument("--latency", nargs="+", type=float, default=[0.0], help="delay of the actions, s")
     parser.add_argument("--lag", type=float, default=0.0, help="time constant of the pusher's velocity, s")
+    parser.add_argument("--acceleration", type=float, default=math.inf, help="largest one of the pusher, m/s^2")
     parser.add_argument("--out", type=Path, help="JSON file of the results")
     given = parser.parse_args()
     contestant = read_contestant(EvaluateRequest(given.policy))
@@ -132,11 +136,13 @@ def main() -> None:
     for engine, floor, pusher, latency in product(given.engine, given.floor, given.pusher, given.latency):
         named = {"friction_floor": floor, "friction_pusher": pusher}
         theta = {name: value for name, value in named.items() if value is not None}
-        env = ElsewhereEnv(contestant.spec, scene, engine, theta, latency, given.lag)
+        env = ElsewhereEnv(contestant.spec, scene, engine, theta, latency, given.lag, given.acceleration)
         policy, seeds = contestant.make(env.env), range(given.start, given.start + given.episodes)
         found = evaluate(env, policy, seeds, progress=lambda one, engine=engine: tell(engine, one))
         low, high = found.interval
         settings = {"engine": engine, **theta, "latency": latency, "lag": given.lag}
+        if math.isfinite(given.acceleration):
+            settings["acceleration"] = given.acceleration
         print(
             f"{settings}: {found.successes} of {found.episodes} ({100 * low:.1f} to {100 * high:.1f} %), "
             f"{found.mean_steps:.1f} actions",

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The training of a policy of a task in the cousins of a twin, in one or two stages, with all files that it leaves."""
 
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -150,6 +151,7 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         max_translation=request.max_translation,
         latency=latency,
         lag=request.lag,
+        acceleration=math.inf if request.acceleration is None else request.acceleration,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
     domains = domains or _cousins(request, setup.twin)

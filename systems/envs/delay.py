@@ -19,7 +19,8 @@ class Delay:
     rests.
 
     With a lag, the velocity follows what is due by a first-order lag, whose time constant is drawn for each episode as
-    well; the translation of a part is that of its mean velocity.
+    well; the translation of a part is that of its mean velocity. With a largest acceleration instead, the velocity
+    comes evenly nearer to what is due in each part.
 
     Args:
         latency: s, least and largest one; drawn evenly.
@@ -28,9 +29,11 @@ class Delay:
         task: The task, which says what an action is.
         parts: Number of parts of a horizon, 1 or more.
         lag: s, least and largest time constant; drawn evenly.
+        most_change: Largest change of the velocity in a horizon, in velocities of the longest action.
 
     Raises:
-        ParameterError: A latency or a lag is not finite or less than 0, or the least is more than the largest.
+        ParameterError: A latency or a lag is not finite or less than 0, or the least is more than the largest; a
+            change is 0 or less, or there is a lag as well.
     """
 
     def __init__(
@@ -41,10 +44,14 @@ class Delay:
         task: Task,
         parts: int = 1,
         lag: tuple[float, float] = (0.0, 0.0),
+        most_change: float = math.inf,
     ) -> None:
         for name, (low, high) in {"latency": latency, "lag": lag}.items():
             require(name, f"{low} to {high} s", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
-        self._ranges = np.array([latency, lag]) / horizon
+        require("most_change", most_change, most_change > 0.0, "more than 0")
+        limited = math.isfinite(most_change)
+        require("lag", f"{lag} s with a largest acceleration", not (any(lag) and limited), "one of the two")
+        self._ranges, self._most, self._limited = np.array([latency, lag]) / horizon, most_change / parts, limited
         self._latency, self._lag = np.zeros((2, num_worlds))  # in horizons
         newest = 2 + math.floor(self._ranges[0, 1])
         self._past = np.zeros((newest, num_worlds, task.action_size))  # the newest first
@@ -53,12 +60,12 @@ class Delay:
 
     @property
     def depth(self) -> int:
-        """Number of past actions on which it mostly depends what the pusher does next; 0 without latency and lag."""
+        """Number of past actions on which it mostly depends what the pusher does next; 0 if at once."""
         return len(self._past) - 1 if self._late else 0
 
     @property
     def _late(self) -> bool:
-        return bool(self._ranges.any())
+        return self._limited or bool(self._ranges.any())
 
     def begin(self, world: int, generator: np.random.Generator) -> None:
         """Begins an episode in a world, whose generator draws latency and lag where there are ranges of them."""
@@ -89,6 +96,14 @@ class Delay:
         worlds, number = np.arange(len(whole)), np.arange(self._parts)[:, None]
         share = np.clip((self._latency - whole) * self._parts - number, 0.0, 1.0)[..., None]
         due = np.asarray((1.0 - share) * self._past[whole, worlds] + share * self._past[whole + 1, worlds])
+        if self._limited:
+            for part in due:
+                change = part - self._velocity
+                taken = np.linalg.norm(change, axis=1, keepdims=True) / self._most  # parts that it takes
+                step = change / np.maximum(taken, 1.0)
+                part += step - change - 0.5 * step * np.minimum(taken, 1.0)  # the mean over the part
+                self._velocity = self._velocity + step
+            return due
         lags = np.maximum(self._lag * self._parts, 1e-15)[:, None]  # in parts
         kept = np.exp(-1.0 / lags)
         for part in due:

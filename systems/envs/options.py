@@ -2,6 +2,7 @@
 """Options of environments, and the setup of a scene whose state is updated once an action."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -33,12 +34,14 @@ class EnvOptions:
         image_size: px, width and height of images; None for those of the scene's camera.
         latency: s, least and largest time after which an action takes effect; drawn for each episode. See `Delay`.
         lag: s, least and largest time constant with which the pusher's velocity follows; drawn for each episode.
+        acceleration: m/s^2, largest one of the pusher; infinite for none.
         history: Number of the last actions that are seen, with the states before them; see `Observer`.
         view: (3,) m, world, by which images show the object beside where it is, as a twin's `view_x` to `view_z` tell
             of a camera that was calibrated wrongly; in the twin's worlds alone.
 
     Raises:
-        ParameterError: `max_steps` is less than 1, `history` less than 0, or a number of `view` not finite.
+        ParameterError: `max_steps` is less than 1, `history` less than 0, `acceleration` 0 or less, or a number of
+            `view` not finite.
     """
 
     observation: Kind = "state"
@@ -50,12 +53,14 @@ class EnvOptions:
     image_size: int | None = None
     latency: tuple[float, float] = (0.0, 0.0)
     lag: tuple[float, float] = (0.0, 0.0)
+    acceleration: float = math.inf
     history: int = 0
     view: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         require("max_steps", self.max_steps, self.max_steps is None or self.max_steps >= 1, "1 or more")
         require("history", self.history, self.history >= 0, "0 or more")
+        require("acceleration", self.acceleration, self.acceleration > 0.0, "more than 0")
         if len(self.view) != 3 or not np.isfinite(self.view).all():
             raise ParameterError(f"view: got {self.view}; allowed: three finite numbers")
 

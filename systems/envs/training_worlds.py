@@ -2,6 +2,7 @@
 """The worlds that a policy is trained in: domains around a twin, or the twin alone."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -134,6 +135,7 @@ class TrainingWorlds:
             **({"light": recipe.light} if recipe.light else {}),
             "latency": list(self.options.latency),
             **({"lag": list(self.options.lag)} if any(self.options.lag) else {}),
+            **({"acceleration": self.options.acceleration} if math.isfinite(self.options.acceleration) else {}),
             "view": list(self.options.view),
         }
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """The worlds of an environment: one step, one reset, for one world of any engine and for many worlds of a twin."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -116,7 +117,8 @@ class Worlds:
         self.setup = environment_setup(load_setup(scene), options, num_worlds=num_worlds)
         self.task, self.domain, self.num_worlds = self.setup.task, domain, num_worlds
         self.max_steps = self.task.max_steps if options.max_steps is None else int(options.max_steps)
-        parts = most_parts(self.setup) if any(options.latency) or any(options.lag) else 1
+        at_once = not any(options.latency) and not any(options.lag) and math.isinf(options.acceleration)
+        parts = 1 if at_once else most_parts(self.setup)
         self.run = StationRun(self.setup, engine, options.max_translation, parts)
         self.engine = self.run.station.engine.name
         self._observer = Observer(self.setup, options.observation, options.frames, options.history)
@@ -127,7 +129,8 @@ class Worlds:
         self.most_force: float | None = None
         self.light = 0.0
         horizon = self.setup.scenario.pusher.horizon
-        self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag)
+        most = options.acceleration * horizon**2 / self.run.max_translation
+        self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag, most)
         if any(options.view):
             require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC

@@ -79,12 +79,12 @@ class TrainRequest:
     latency: Annotated[
         tuple[float, float] | None,
         option(
-            "Delays of an action.",
+            "Action delays.",
             group=LAB,
             unit="s",
             metavar="MIN MAX",
             allowed="0 or more, the least first",
-            default="the station's, or the task's",
+            default="the station's or task's",
         ),
     ] = None
     lag: Annotated[
@@ -97,6 +97,9 @@ class TrainRequest:
             allowed="0 or more, the least first",
         ),
     ] = (0.0, 0.0)
+    acceleration: Annotated[
+        float | None, option("Largest acceleration of the pusher.", group=LAB, unit="m/s²", gt=0, default="none")
+    ] = None
     station: Annotated[
         Path | None,
         option("File station.yaml of the lab.", group=LAB),
@@ -105,7 +108,7 @@ class TrainRequest:
     mask_error: Annotated[float, option("Outline error in training.", group=LAB, unit="px", ge=0, le=1)] = 0.0
     image_size: Annotated[
         int | None,
-        option("Size of the policy's images.", group=LAB, unit="px", ge=1, default="the station's, or the task's"),
+        option("Size of policy images.", group=LAB, unit="px", ge=1, default="the station's or task's"),
     ] = None
     frames: Annotated[int, option("Images that the policy sees.", group=LAB, ge=1)] = 3
     algorithm: Annotated[
@@ -142,6 +145,8 @@ class TrainRequest:
         require("--goals", f"{self.goals} with task {self.task}", drawn, f"fixed, or random with {', '.join(draws)}")
         for name, (least, most) in (("--latency", self.latency or (0.0, 0.0)), ("--lag", self.lag)):
             require(name, f"{least} to {most}", 0.0 <= least <= most, "0 or more, the least first")
+        one = self.acceleration is None or not any(self.lag)
+        require("--acceleration", f"{self.acceleration} with --lag {self.lag}", one, "one of the two")
         sized = self.station is None or self.image_size is None
         require("--image-size", f"{self.image_size} with --station", sized, "that of view.size in station.yaml")
         calibrated = self.station is None or not self.as_filmed
