@@ -76,6 +76,8 @@ def test_an_interruption_passes_through_and_a_second_training_is_refused(tmp_pat
         {"auxiliary": False},
         {"latency": (-0.1, 0.0)},
         {"latency": (0.1, 0.0)},
+        {"acceleration": 0.0},
+        {"acceleration": 7.0, "lag": (0.0, 0.1)},
         {"device": "tpu"},
         {"mask_error": -0.5},
         {"mask_error": 1.5},
@@ -119,6 +121,18 @@ def test_what_is_late_and_seen_of_a_flip_is_the_tasks_where_nothing_is_said(tmp_
     assert (stacked.image_size, stacked.history) == (64, 0)
     push = worlds_of(TrainRequest("push_t", tmp_path, worlds=2)).options
     assert (push.image_size, push.history, push.latency, push.lag) == (64, 0, (0.0, 0.0), (0.0, 0.0))
+
+
+def test_the_pusher_of_a_training_accelerates_no_faster_than_is_asked_for(tmp_path):
+    worlds = worlds_of(TrainRequest("push_t", tmp_path, worlds=2, acceleration=0.5))
+    assert worlds.about["acceleration"] == 0.5
+    env = worlds.task_worlds("state")
+    env.reset()
+    before = env.worlds.run.p_WP.copy()
+    env.step(np.tile([-1.0, 0.0], (2, 1)))
+    # From rest, with 0.5 m/s^2 for 0.1 s; the scene's speed is more than the 0.05 m/s at the end.
+    np.testing.assert_allclose((env.worlds.run.p_WP - before)[:, 0], -0.5 * 0.5 * 0.1**2, rtol=1e-6)
+    assert "acceleration" not in worlds_of(TrainRequest("push_t", tmp_path, worlds=2)).about
 
 
 def test_frictions_with_which_a_flip_is_not_known_to_be_possible_are_told(tmp_path):
