@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.station.clock import find
 from pinwm_drake.station.clock.coarse import stillness
 from pinwm_drake.station.clock.find import find_clock, find_cut
 from pinwm_drake.station.clock.patches import path_weights
@@ -45,6 +46,16 @@ def test_a_clock_that_drifts_is_told(push):
     assert fit.rate == pytest.approx(fast, abs=5e-3)
     middle = push.t[len(push.t) // 2]
     assert fit.offset + fit.rate * middle / fast == pytest.approx(push.offset + middle, abs=BAR)
+
+
+def test_a_drift_on_which_the_bands_do_not_agree_is_none(push, monkeypatch):
+    film = push.film(t=push.t / 1.015)
+    rates = np.array([1.08, 1.07, 0.94])  # as of a rod whose end an object hides
+    monkeypatch.setattr(find, "rates_of_bands", lambda *_: rates)
+    fit = find_clock(film, FILM)
+    assert fit.rate == 1.0
+    middle = push.t[len(push.t) // 2]
+    assert fit.offset + middle / 1.015 == pytest.approx(push.offset + middle, abs=2 * BAR)
 
 
 def test_patches_stand_still_at_the_right_offset_alone(push):

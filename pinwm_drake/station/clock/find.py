@@ -7,7 +7,7 @@ import numpy as np
 
 from pinwm_drake.errors import InputError
 from pinwm_drake.station.clock.coarse import FEW, STEP, Guess, search, standardised
-from pinwm_drake.station.clock.fine import ClockFit, find_jump, find_rate, refine
+from pinwm_drake.station.clock.fine import ClockFit, find_jump, find_rate, rates_of_bands, refine
 from pinwm_drake.station.clock.patches import PusherFilm, path_weights
 
 SPAN = 1.5  # s, by which clocks may differ
@@ -25,6 +25,7 @@ _GAIN, _SHARE, _JUMP, _LONGEST_CUT = 0.012, 0.2, 0.06, 1.0
 _DRIFT = 0.015  # s over a film, of a clock that runs too fast
 _EXPLAINED = 0.8  # of the residual is left, at most, at the rate of a clock that drifts
 _FASTEST = 0.03  # of a clock that drifts; beyond it the rate is wrong
+_APART = 0.5  # of a drift, by which the bands of the patches differ from it at most, as a median
 
 
 def find_clock(film: PusherFilm, path: Path, *, around: float = 0.0, span: float = SPAN) -> ClockFit:
@@ -150,7 +151,7 @@ def _wrong_rate(path: Path, film: PusherFilm, rate: float) -> InputError:
 
 
 def _with_drift(film: PusherFilm, path: Path, fit: ClockFit) -> ClockFit:
-    """Return the fit, or one at another rate where that explains the film much better.
+    """Return the fit, or one at another rate where that explains the film much better and the patches' bands agree.
 
     Raises:
         InputError: A piece that is missing explains it better than a rate does, or the rate is not that of a drift.
@@ -168,4 +169,6 @@ def _with_drift(film: PusherFilm, path: Path, fit: ClockFit) -> ClockFit:
         raise _cut(path, time, jump)
     if abs(rate - 1) > _FASTEST:
         raise _wrong_rate(path, film, rate)
-    return better
+    # What hides part of the pusher, or moves beside it, looks like a drift in some of the bands.
+    apart = float(np.median(np.abs(rates_of_bands(film, fit.offset) - rate)))
+    return better if apart <= _APART * abs(rate - 1) else fit

@@ -79,6 +79,11 @@ def find_rate(film: PusherFilm, offset: float) -> tuple[float, float]:
     return 1.0 + faster, fit.residual
 
 
+def rates_of_bands(film: PusherFilm, offset: float) -> np.ndarray:
+    """Return the rates (n,) of `find_rate` of each band of the patches alone."""
+    return np.array([find_rate(film.band(k, _BANDS), offset)[0] for k in range(_BANDS)])
+
+
 def find_jump(film: PusherFilm, offset: float) -> tuple[float, float, float]:
     """Return the time [s] of the film from which on the log is later, by how much [s], and the residual [px].
 
