@@ -67,8 +67,9 @@ class ElsewhereEnv(gymnasium.Env):
         pusher = setup.scenario.pusher
         self._box, self._horizon = (np.array(pusher.low), np.array(pusher.high)), float(pusher.horizon)
         parts = _PARTS if latency or lag or math.isfinite(acceleration) else 1
-        most = acceleration * self._horizon**2 / self.env.run.max_translation
-        self._delay = Delay((latency, latency), self._horizon, 1, setup.task, parts, (lag, lag), most)
+        longest = self.env.run.max_translation
+        late, lags = (latency, latency), (lag, lag)
+        self._delay = Delay(late, self._horizon, 1, setup.task, parts, lags, acceleration, longest)
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
         """Begins the episode that `TaskEnv` begins with this seed."""

@@ -80,8 +80,8 @@ def measure_static(case: Case, folder: Path) -> dict:
         seconds = (time.process_time() - begun) / len(shots)
         overlaps = [iou(mask, label) for mask, label in zip(masks.masks, labels, strict=True)]
         found[name] = {
-            "above": _summary(overlaps[:ABOVE]),
-            "grazing": _summary(overlaps[ABOVE:]),
+            "above": overlap_summary(overlaps[:ABOVE]),
+            "grazing": overlap_summary(overlaps[ABOVE:]),
             "seconds": round(seconds, 3),
             "doubts": [f"{view}: {reason}" for view, reason in masks.doubts],
         }
@@ -102,7 +102,7 @@ def measure_moving(case: Case, folder: Path) -> dict:
     masks = _labels(episode / "masks", len(labels))
     doubts = [f"{name}: {reason}" for name, reason in made.doubts if name.startswith("episodes")]
     overlaps = [iou(mask, label) for mask, label in zip(masks, labels, strict=True)]
-    return {"iou": _summary(overlaps), "seconds": round(time.process_time() - begun, 1), "doubts": doubts}
+    return {"iou": overlap_summary(overlaps), "seconds": round(time.process_time() - begun, 1), "doubts": doubts}
 
 
 def measure_pose(case: Case, folder: Path, number: int) -> dict:
@@ -134,8 +134,8 @@ def measure_mesh(case: Case, folder: Path) -> dict:
     for name, depths in (("hull", None), ("depth", read_depths(folder / "static", shots))):
         begun = time.process_time()
         mesh = hull_meshes(masks, [shot.P for shot in shots], points, 0.004, 0.0, depths)[0]
-        there, sides = _distances(true, mesh)
-        back, _ = _distances(mesh, true)
+        there, sides = surface_distances(true, mesh)
+        back, _ = surface_distances(mesh, true)
         found[name] = {
             "chamfer": round(float(there.mean() + back.mean()) / 2, 2),
             "sides": round(float(there[sides].mean()), 2),
@@ -162,7 +162,8 @@ def _labels(folder: Path, number: int) -> list[np.ndarray]:
     return [cv2.imread(str(folder / f"{k:05}.png"), 0) > 127 for k in range(number)]
 
 
-def _summary(overlaps: list[float]) -> dict:
+def overlap_summary(overlaps: list[float]) -> dict[str, float]:
+    """Median and worst of overlaps."""
     return {"median": round(float(np.median(overlaps)), 3), "worst": round(min(overlaps), 3)}
 
 
@@ -178,7 +179,7 @@ def _apart(mesh: trimesh.Trimesh, X: np.ndarray, Y: np.ndarray, name: str) -> li
     return [round(place, 3), round(float(np.degrees(best)), 3)]
 
 
-def _distances(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
+def surface_distances(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
     """Distances (n,) [mm] of points of a mesh from another one, and whether each lies on an upright side."""
     points, faces = trimesh.sample.sample_surface(mesh, 6000, seed=0)
     away = cKDTree(trimesh.sample.sample_surface(other, 300_000, seed=1)[0]).query(points)[0]

@@ -7,10 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 import trimesh
-from scipy.spatial import cKDTree
 
 from benchmarks.lab_example.scene import WORKSPACE, ExampleLab
-from benchmarks.masks import iou
+from benchmarks.masks import iou, overlap_summary, surface_distances
 from benchmarks.results import markdown
 from pinwm_drake.capture.clock import read_clock
 from pinwm_drake.capture.images import read_mask
@@ -32,7 +31,7 @@ from pinwm_drake.twin.predict import TWO_SIDED
 from pinwm_drake.twin.read import load_twin
 
 PLACE, TURN = 5.0, 4.0  # bars: mm and degrees of the second push
-_POINTS, _FINE = 6000, 300_000  # of surfaces
+_POINTS, _SURFACE = 6000, 30_000  # of the true mesh and of the one found
 
 
 def figures(truth: ExampleLab, lab: LabFolder, first_twin: Path) -> dict[str, Any]:
@@ -95,7 +94,7 @@ def photo_masks(truth: ExampleLab, lab: LabFolder) -> dict[str, float]:
         path = find_mask(lab.static, frame.image_path)
         assert path is not None
         overlaps.append(iou(read_mask(path), _label(truth.truth / f"photos/{frame.image_path.stem}.png", remap)))
-    return _summary(overlaps)
+    return overlap_summary(overlaps)
 
 
 def push_figures(truth: ExampleLab, lab: LabFolder, name: str) -> dict[str, Any]:
@@ -113,7 +112,7 @@ def push_figures(truth: ExampleLab, lab: LabFolder, name: str) -> dict[str, Any]
         "images": len(paths),
         "clock, ms": _round(1e3 * (clock.offset - float(known["offset"]))),
         "clock interval, ms": [_round(low), _round(high)],
-        "masks": _summary([iou(read_mask(path), label) for path, label in zip(paths, labels, strict=True)]),
+        "masks": overlap_summary([iou(read_mask(path), label) for path, label in zip(paths, labels, strict=True)]),
         "moves, mm": _round(1e3 * np.linalg.norm(known["X_TO"][-1][:3, 3] - known["X_TO"][0][:3, 3])),
         "turns, deg": _round(np.degrees(np.linalg.norm(turn(moved)))),
     }
@@ -128,26 +127,19 @@ def registered(mesh: trimesh.Trimesh, true: trimesh.Trimesh, guess: np.ndarray) 
         guess: (4, 4), X_MO about.
     """
     points = trimesh.sample.sample_surface(true, _POINTS, seed=0)[0]
-    surface = trimesh.sample.sample_surface(mesh, _FINE // 10, seed=1)[0]
+    surface = trimesh.sample.sample_surface(mesh, _SURFACE, seed=1)[0]
     X_MO, _, _ = trimesh.registration.icp(
         points, surface, initial=guess, max_iterations=60, scale=False, reflection=False
     )
     moved = true.copy()
     moved.apply_transform(X_MO)
-    (there, upright), (back, _) = _distances(moved, mesh), _distances(mesh, moved)
+    (there, upright), (back, _) = surface_distances(moved, mesh), surface_distances(mesh, moved)
     return X_MO, {
         "chamfer, mm": _round(0.5 * (there.mean() + back.mean())),
         "sides, mm": _round(there[upright].mean()),
         "volume, %": _round(100 * (mesh.volume / true.volume - 1)),
         "triangles": len(mesh.faces),
     }
-
-
-def _distances(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,) [mm] of points of a mesh from another one, and whether each lies on an upright side."""
-    points, faces = trimesh.sample.sample_surface(mesh, _POINTS, seed=0)
-    away = cKDTree(trimesh.sample.sample_surface(other, _FINE, seed=1)[0]).query(points)[0]
-    return 1e3 * away, np.abs(mesh.face_normals[faces][:, 2]) < 0.5
 
 
 def theta(truth: ExampleLab, folder: Path) -> dict[str, Any]:
@@ -201,10 +193,6 @@ def _label(path: Path, remap: Remap) -> np.ndarray:
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     assert picture is not None
     return remap(picture, outside=0) > 127
-
-
-def _summary(overlaps: list[float]) -> dict[str, float]:
-    return {"median": _round(np.median(overlaps)), "worst": _round(min(overlaps))}
 
 
 def _round(value: Any) -> float:

@@ -2,7 +2,7 @@
 """PPO of SB3 on a task, from the state or from images, in rounds."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -48,8 +48,8 @@ class PpoOptions(RewardOptions):
         value: Weight of the critic's loss in the objective; actor and critic share nothing but the bound of the
             gradient's norm.
         averaged: Share that the mean of a policy's weights keeps at each rollout, less at first. The mean of a policy
-            of the state is what is evaluated and kept: single updates fit it to contacts of this engine alone. 0 takes
-            the last weights.
+            of the state is what is evaluated and kept: single updates fit it to contacts of this engine alone. 0, and
+            a policy of images, take the last weights.
         imitation: Number of updates by the actions that are shown, where there are any.
         auxiliary: Number of passes over a rollout's images by which an estimate of the state is learned, on which a
             policy of images acts; 0 learns from images to actions by the reward alone.
@@ -87,9 +87,10 @@ class PpoOptions(RewardOptions):
                 (KL) of an update was 0.12 to 0.20, and the entropy fell while success did not grow; with these it is
                 0.02 to 0.04.
         """
+        images = cls(steps=4_000_000, averaged=0.0)
         if auxiliary:
-            return cls(steps=4_000_000, auxiliary=1, gain=0.2)
-        return cls(steps=4_000_000, n_steps=128, n_epochs=4, learning_rate=2e-4, value=0.5, shift=1, gain=0.2)
+            return replace(images, auxiliary=1, gain=0.2)
+        return replace(images, n_steps=128, n_epochs=4, learning_rate=2e-4, value=0.5, shift=1, gain=0.2)
 
 
 def train_ppo(

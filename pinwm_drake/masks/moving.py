@@ -105,11 +105,11 @@ def in_the_shade(lab: np.ndarray, unlike: np.ndarray, rest: np.ndarray) -> np.nd
         rest: (h, w) bool, the others.
     """
     number, labels = cv2.connectedComponents(unlike.astype(np.uint8))
-    shaded = np.zeros_like(unlike)
+    shaded, beside = np.zeros_like(unlike), _mean_around(lab, rest)
     for part in (labels == k for k in range(1, number)):
         border = grown(part, 1) & rest
         if border.any():
-            step = _mean_around(lab, part)[border] - _mean_around(lab, rest)[border]
+            step = _mean_around(lab, part)[border] - beside[border]
             if np.median(np.linalg.norm(step, axis=1)) < _EDGE:
                 shaded |= part
     return shaded

@@ -29,11 +29,12 @@ class Delay:
         task: The task, which says what an action is.
         parts: Number of parts of a horizon, 1 or more.
         lag: s, least and largest time constant; drawn evenly.
-        most_change: Largest change of the velocity in a horizon, in velocities of the longest action.
+        acceleration: m/s^2, largest one of the pusher; infinite for none.
+        max_translation: m, translation of the longest action.
 
     Raises:
-        ParameterError: A latency or a lag is not finite or less than 0, or the least is more than the largest; a
-            change is 0 or less, or there is a lag as well.
+        ParameterError: A latency or a lag is not finite or less than 0, or the least is more than the largest; an
+            acceleration is 0 or less, or there is a lag as well.
     """
 
     def __init__(
@@ -44,14 +45,16 @@ class Delay:
         task: Task,
         parts: int = 1,
         lag: tuple[float, float] = (0.0, 0.0),
-        most_change: float = math.inf,
+        acceleration: float = math.inf,
+        max_translation: float = 1.0,
     ) -> None:
         for name, (low, high) in {"latency": latency, "lag": lag}.items():
             require(name, f"{low} to {high} s", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
-        require("most_change", most_change, most_change > 0.0, "more than 0")
-        limited = math.isfinite(most_change)
-        require("lag", f"{lag} s with a largest acceleration", not (any(lag) and limited), "one of the two")
-        self._ranges, self._most, self._limited = np.array([latency, lag]) / horizon, most_change / parts, limited
+        require("acceleration", acceleration, acceleration > 0.0, "more than 0")
+        self._ranges, self._limited = np.array([latency, lag]) / horizon, math.isfinite(acceleration)
+        require("lag", f"{lag} s with a largest acceleration", not (any(lag) and self._limited), "one of the two")
+        # In a part, in velocities of the longest action.
+        self._most_change = acceleration * horizon**2 / max_translation / parts
         self._latency, self._lag = np.zeros((2, num_worlds))  # in horizons
         newest = 2 + math.floor(self._ranges[0, 1])
         self._past = np.zeros((newest, num_worlds, task.action_size))  # the newest first
@@ -60,7 +63,7 @@ class Delay:
 
     @property
     def depth(self) -> int:
-        """Number of past actions on which it mostly depends what the pusher does next; 0 if at once."""
+        """Number of past actions on which it mostly depends what the pusher does next; 0 where none is late."""
         return len(self._past) - 1 if self._late else 0
 
     @property
@@ -99,7 +102,7 @@ class Delay:
         if self._limited:
             for part in due:
                 change = part - self._velocity
-                taken = np.linalg.norm(change, axis=1, keepdims=True) / self._most  # parts that it takes
+                taken = np.linalg.norm(change, axis=1, keepdims=True) / self._most_change  # parts that it takes
                 step = change / np.maximum(taken, 1.0)
                 part += step - change - 0.5 * step * np.minimum(taken, 1.0)  # the mean over the part
                 self._velocity = self._velocity + step

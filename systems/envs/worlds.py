@@ -129,8 +129,8 @@ class Worlds:
         self.most_force: float | None = None
         self.light = 0.0
         horizon = self.setup.scenario.pusher.horizon
-        most = options.acceleration * horizon**2 / self.run.max_translation
-        self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, options.lag, most)
+        limits = options.lag, options.acceleration, self.run.max_translation
+        self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, *limits)
         if any(options.view):
             require("view", f"one with engine {self.engine!r}", self.run.world_model is not None, "with engine 'twin'")
             X_WC = self.setup.X_WC

@@ -46,9 +46,10 @@ def test_with_a_lag_the_velocity_follows_what_is_due(latency, lag):
 
 
 def test_with_a_largest_acceleration_the_velocity_comes_evenly_nearer_to_what_is_due():
-    delay = Delay((0.0, 0.0), 0.1, 1, PushTask(), 4, most_change=0.8)
+    delay = Delay((0.0, 0.0), 0.1, 1, PushTask(), 4, acceleration=40.0, max_translation=0.5)
     delay.begin(0, np.random.default_rng(0))
     found = np.stack([delay(action[None])[:, 0] for action in ACTIONS])
+    # 40 m/s^2 for 0.1 s are 0.8 of the 5 m/s of the longest action.
     velocity, velocities = np.zeros(2), [np.zeros(2)]
     for wanted in np.repeat(ACTIONS, 4000, axis=0):  # 4,000 short steps a horizon
         change = wanted - velocity
@@ -58,7 +59,7 @@ def test_with_a_largest_acceleration_the_velocity_comes_evenly_nearer_to_what_is
     np.testing.assert_allclose(found, mean.reshape(len(ACTIONS), 4, 1000, 2).mean(2), atol=1e-3)
     assert abs(np.diff(np.concatenate([[np.zeros(2)], found.reshape(-1, 2)]), axis=0)).max() <= 0.2 + 1e-12
     with pytest.raises(ParameterError, match="one of the two"):
-        Delay((0.0, 0.0), 0.1, 1, PushTask(), 4, (0.0, 0.1), 0.8)
+        Delay((0.0, 0.0), 0.1, 1, PushTask(), 4, (0.0, 0.1), 40.0, 0.5)
 
 
 def test_a_pusher_that_lags_goes_on_from_actions_that_were_asked_for_before():
