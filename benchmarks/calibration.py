@@ -20,7 +20,8 @@ import numpy as np
 
 from benchmarks import timing
 
-timing.limit_threads(1)
+if __name__ == "__main__":
+    timing.limit_threads(1)
 
 import cv2
 from scipy.stats import f as fisher

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from benchmarks import timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 import mujoco
 import numpy as np

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from benchmarks import timing
 
-timing.limit_threads(1, cpus=2)  # before torch is imported
+if __name__ == "__main__":
+    timing.limit_threads(1, cpus=2)  # before torch is imported
 
 import torch
 

@@ -22,7 +22,8 @@ import numpy as np
 
 from benchmarks import timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 from benchmarks.next_push.engines import scene_maker
 from benchmarks.next_push.engines.rollout import Tip, rigid, twin_truth

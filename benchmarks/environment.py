@@ -14,7 +14,8 @@ from collections.abc import Callable
 from benchmarks import results, timing
 from benchmarks.memory import status
 
-timing.limit_threads(2)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(2)  # before numba and torch are imported
 
 import numpy as np
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv

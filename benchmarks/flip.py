@@ -14,7 +14,8 @@ import functools
 
 from benchmarks import results, timing
 
-timing.limit_threads(2)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(2)  # before numba and torch are imported
 
 import mujoco
 import numpy as np

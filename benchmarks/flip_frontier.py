@@ -18,7 +18,8 @@ from typing import Any
 
 from benchmarks import timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 from benchmarks.results import markdown, write_json
 from pinwm_drake.cousins.domain import CousinDomains

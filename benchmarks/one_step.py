@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks import timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 from pinwm_drake.paper.one_step import outcomes_at_rest, plant_outcomes, step_errors
 from pinwm_drake.systems.scenario.load import load_setup

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from benchmarks import results, timing
 
-timing.limit_threads(1)  # before torch and onnxruntime are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before torch and onnxruntime are imported
 
 import numpy as np
 import torch

@@ -11,7 +11,8 @@ import argparse
 
 from benchmarks import results, timing
 
-timing.limit_threads(2)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(2)  # before numba and torch are imported
 
 import numpy as np
 import torch

@@ -8,7 +8,8 @@ import time
 
 from benchmarks import push, results, timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 import numpy as np
 

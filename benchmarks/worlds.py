@@ -7,7 +7,8 @@ import os
 from benchmarks import results, timing
 
 WORLDS, THREADS = 32, 2
-timing.limit_threads(THREADS)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(THREADS)  # before numba and torch are imported
 
 import torch
 

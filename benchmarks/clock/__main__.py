@@ -17,7 +17,8 @@ from pathlib import Path
 
 from benchmarks import results, timing
 
-timing.limit_threads(1)  # before numba and torch are imported
+if __name__ == "__main__":
+    timing.limit_threads(1)  # before numba and torch are imported
 
 import numpy as np
 

@@ -62,6 +62,16 @@ class ArmCheck:
         return f"{self.title} {'follows' if self.follows else 'does not follow'} the policy: {off}{self.reason}"
 
 
+def _pusher_in_training(spec: PolicySpec) -> str:
+    """How fast the pusher took a new velocity in training."""
+    if spec.acceleration is not None:
+        return f"the pusher changes its velocity by at most {spec.acceleration:g} m/s^2"
+    if any(spec.lag):
+        least, most = spec.lag
+        return f"the pusher takes a new velocity with a time constant of {least:g} to {most:g} s"
+    return "the pusher takes a new velocity at once"
+
+
 def make_contract(
     spec: PolicySpec,
     limits: SafetyLimits,
@@ -128,7 +138,7 @@ def make_contract(
             "rest_turn in rad/s",
             "safety": "kept by the controller, whatever the network asks for; m, m/s, m/s^2 and s",
             "robot": "it has to follow commands up to safety.max_speed and safety.max_acceleration within the box: in "
-            "training the pusher takes a new velocity at once. One that is slower does other motions than those that "
+            f"training {_pusher_in_training(spec)}. One that is slower does other motions than those that "
             "were learned. arms: whether simulated arms follow the motions of the golden samples' episodes. error is "
             "the root mean square by which actions' ways are off, over that of the ways; up to 0.2 counts as following",
         },

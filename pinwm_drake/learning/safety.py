@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Limits of a controller's motion of the pusher: the part of a policy's contract that keeps a robot whole."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
@@ -77,8 +78,9 @@ def default_limits(spec: PolicySpec) -> SafetyLimits:
     """Limits that let a policy do what it did in training: its own speed and box, and to turn round between actions.
 
     The box is that of the policy along its task's axes, and 10 mm to either side of where the pusher is along the other
-    ones; the velocity may change from one way at full speed to the other within an action; an image is stale after two
-    actions, which leaves room for a camera of 20 Hz that is 80 ms late.
+    ones; the velocity may change from one way at full speed to the other within an action, or as fast as in training
+    where that is slower; an image is stale after two actions, which leaves room for a camera of 20 Hz that is 80 ms
+    late.
 
     Args:
         spec: Specification of the policy.
@@ -90,7 +92,7 @@ def default_limits(spec: PolicySpec) -> SafetyLimits:
         box_low=tuple(low),
         box_high=tuple(high),
         max_speed=speed,
-        max_acceleration=2 * speed / spec.horizon,
+        max_acceleration=min(spec.acceleration or math.inf, 2 * speed / spec.horizon),
         max_image_age=2 * spec.horizon,
         max_command_age=max(_COMMAND_AGE, 2.5 * spec.horizon),
     )

@@ -32,6 +32,8 @@ _LATER = {
     "history": 0,
     "station": None,
     "latency": (0.0, 0.0),
+    "lag": (0.0, 0.0),
+    "acceleration": None,
 }  # fields that came later, as they were before
 
 
@@ -161,6 +163,8 @@ class PolicySpec:
             pusher's position (observing "rgb", with an image of each time); see `tasks.history`.
         station: SHA-256 of the `station.yaml` of the station that it is made for; None for none.
         latency: s, least and largest delay of an action in training.
+        lag: s, least and largest time constant with which the pusher takes a new velocity in training.
+        acceleration: m/s^2, largest one of the pusher in training; None for any.
 
     Raises:
         ParameterError: A value is not finite, not positive, or not among those allowed.
@@ -183,6 +187,8 @@ class PolicySpec:
     history: int = 0
     station: _Sha256 | None = None
     latency: tuple[_Delay, _Delay] = (0.0, 0.0)
+    lag: tuple[_Delay, _Delay] = (0.0, 0.0)
+    acceleration: Annotated[float, Field(gt=0, json_schema_extra={"unit": "m/s^2"})] | None = None
 
     def __post_init__(self) -> None:
         check_fields(self)

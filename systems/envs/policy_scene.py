@@ -3,6 +3,7 @@
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,8 @@ def policy_spec(setup: Setup, options: EnvOptions, observes: Observes) -> Policy
         history=options.history,
         station=setup.station,
         latency=(float(options.latency[0]), float(options.latency[1])),
+        lag=(float(options.lag[0]), float(options.lag[1])),
+        acceleration=options.acceleration if math.isfinite(options.acceleration) else None,
     )
     return dataclasses.replace(spec, window=window_size(spec)) if observes == "rgb" else spec
 

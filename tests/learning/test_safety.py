@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.learning.contract import make_contract
 from pinwm_drake.learning.safety import SafetyLimits, default_limits
 from pinwm_drake.learning.spec import CameraSpec, PolicySpec
 from pinwm_drake.tasks.push import PushTask
@@ -108,6 +109,23 @@ def test_by_default_a_policy_may_do_what_it_did_in_training():
     assert made.max_image_age == 0.2
     # A robot does not time out between two actions, however far apart they are.
     assert default_limits(spec_of(horizon=1.0)).max_command_age > 1.0
+
+
+@pytest.mark.parametrize(
+    ("motion", "most", "words"),
+    [
+        ({"acceleration": 3.0}, 3.0, "changes its velocity by at most 3 m/s^2"),
+        ({"acceleration": 50.0}, 4.0, "changes its velocity by at most 50 m/s^2"),
+        ({"lag": (0.02, 0.04)}, 4.0, "a time constant of 0.02 to 0.04 s"),
+        ({}, 4.0, "takes a new velocity at once"),
+    ],
+)
+def test_the_pusher_may_change_its_velocity_as_fast_as_in_training(motion, most, words):
+    spec = spec_of(**motion)
+    assert PolicySpec.from_document(yaml.safe_load(yaml.safe_dump(spec.to_document()))) == spec
+    made = default_limits(spec)
+    assert made.max_acceleration == pytest.approx(most)
+    assert words in make_contract(spec, made, (10, 20))["notes"]["robot"]
 
 
 def test_limits_need_neither_torch_nor_drake():
