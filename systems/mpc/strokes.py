@@ -11,13 +11,15 @@ import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RotationMatrix
 
+from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.systems.envs.worlds import Worlds
 from pinwm_drake.systems.scenario.start import StartDistribution
 from pinwm_drake.tasks.registry import recipe_of
 
-_STROKES = 3  # at most, after the way to the height
-_GAP = 0.03  # m, largest level way to the object before the first stroke
-_SHORTEST = 0.3  # of a stroke, in units of the longest translation
+_STROKES = 3  # at most, after the way to where the first one begins
+_RUN_UP = (-0.01, 0.03)  # m, from where the first stroke begins to the face that it meets
+_BACK = 0.03  # m, farthest way back from the object before the first stroke
+_FIRST, _SHORTEST = 0.7, 0.3  # least length of the first stroke and of others, in units of the longest translation
 _RISES = (-90.0, 150.0)  # deg, of any stroke; beyond 90 it goes back
 # Heights in units of the object's, rises of the first stroke and changes of the rise (mean, standard deviation) in deg.
 _FAMILIES = (
@@ -39,6 +41,7 @@ class Strokes:
         pusher = worlds.setup.scenario.pusher
         self._low, self._high = pusher.low[2], pusher.high[2]
         self._vertices = StartDistribution(worlds.setup).vertices
+        self._radius = upright_shape(worlds.setup.twin.pusher).radius
         self._horizon, self._longest = horizon, worlds.run.max_translation
 
     @staticmethod
@@ -58,18 +61,23 @@ class Strokes:
             p_WP: (3,) m, world: position of the pusher.
         """
         q_WO = object_state[:4] / np.linalg.norm(object_state[:4])
-        heights = self._vertices @ RotationMatrix(Quaternion(wxyz=q_WO)).matrix()[2] + object_state[6]
-        bottom, top = float(heights.min()), float(heights.max())
+        points = self._vertices @ RotationMatrix(Quaternion(wxyz=q_WO)).matrix().T
+        bottom, top = (float(end + object_state[6]) for end in (points[:, 2].min(), points[:, 2].max()))
+        away = (p_WP - object_state[4:7])[:2]
+        distance = float(np.linalg.norm(away))
+        face = float((points[:, :2] @ away).max()) / distance if distance > 0.0 else 0.0
+        gap = distance - face - self._radius
         actions = np.zeros((number, self._horizon, 3))
         for index, row in enumerate(actions):
             shares, rises, (bend, spread) = _FAMILIES[index % len(_FAMILIES)]
             height = np.clip(bottom + generator.uniform(*shares) * (top - bottom), self._low, self._high)
-            way = np.array([-generator.uniform(0.0, _GAP), 0.0, height - p_WP[2]]) / self._longest
+            level = max(gap - generator.uniform(*_RUN_UP), -_BACK)
+            way = np.array([-level, 0.0, height - p_WP[2]]) / self._longest
             parts = max(math.ceil(float(np.linalg.norm(way))), 1)
             row[:parts] = way / parts
             rise = generator.uniform(*rises)
             for k in range(parts, min(parts + int(generator.integers(_STROKES)) + 1, self._horizon)):
-                length = generator.uniform(_SHORTEST, 1.0)
+                length = generator.uniform(_FIRST if k == parts else _SHORTEST, 1.0)
                 row[k] = -length * math.cos(math.radians(rise)), 0.0, length * math.sin(math.radians(rise))
                 rise = float(np.clip(rise + generator.normal(bend, spread), *_RISES))
         return actions

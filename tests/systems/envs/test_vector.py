@@ -10,8 +10,12 @@ from pydrake.math import RigidTransform
 
 from pinwm_drake.errors import ParameterError, SolverError
 from pinwm_drake.systems.envs.env import TaskEnv
+from pinwm_drake.systems.envs.options import EnvOptions
 from pinwm_drake.systems.envs.registration import ENV_IDS
 from pinwm_drake.systems.envs.vector import TaskVecEnv, TaskVectorEnv
+from pinwm_drake.systems.envs.worlds import Worlds
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.start import Place
 from tests.systems.stations import FAR, REST, setup_of
 
 W = 3
@@ -225,3 +229,24 @@ def test_seeds_are_one_or_one_for_each_world():
     np.testing.assert_array_equal(env.reset(seed=[3, 4, 5])[0], one)
     with pytest.raises(ParameterError, match="seeds: got 2; allowed: 3"):
         env.reset(seed=[3, 4])
+
+
+@pytest.mark.parametrize("most", [None, 50.0])
+def test_a_press_beyond_the_limit_fails_and_costs_more_than_a_turn_gains(most):
+    task = load_setup("flip_cube").task.for_training()
+    worlds = Worlds("flip_cube", "twin", 2, EnvOptions(time_step=1 / 480, task=task))
+    worlds.reset()
+    X_WO = RigidTransform([0.0, 0.0, 0.03])
+    for world, height in enumerate((0.072, 0.25)):
+        worlds.run.place(Place(X_WO, np.array([0.0, 0.0, height])), world)
+    worlds.set_object_states(worlds.run.object_state.copy(), worlds.run.p_WP.copy())
+    worlds.most_force = most
+    out = worlds.advance(np.tile([0.0, 0.0, -0.5], (2, 1)))  # onto the top; and down to it from far above
+    assert out.terminated.tolist() == [most is not None, False]
+    assert not out.progress.success.any()
+    assert abs(out.reward[1]) < 1.0
+    if most is None:
+        assert not out.failures
+    else:
+        assert out.reward[0] < -4.0
+        assert "mean force over 50.0 N" in out.failures[0]

@@ -38,6 +38,21 @@ def test_they_meet_the_object_at_all_its_heights_and_stay_in_the_plane_of_the_he
     assert (np.linalg.norm(strokes, axis=2) > 0.0).sum(1).max() <= 4
 
 
+@pytest.mark.parametrize("farther", [0.0, 0.06])
+def test_the_first_stroke_begins_just_before_the_face_wherever_the_pusher_is(cube, farther):
+    worlds, place = cube
+    p_WP = place.p_WP - np.array([farther, 0.0, 0.0])
+    drawn = Strokes(worlds, HORIZON).draw(np.random.default_rng(2), 300, place.object_state, p_WP)
+    longest = worlds.run.max_translation
+    number = 1 + (np.linalg.norm(drawn[:, 0], axis=1) > 1.0 - 1e-9).astype(int)  # actions of the way
+    ways = np.array([one[:parts].sum(0) for one, parts in zip(drawn, number, strict=True)])
+    start = place.p_WP[0] - farther - longest * ways[:, 0]
+    gap = -0.03 - 0.01 - start  # half of the cube, and the pusher's radius
+    assert -0.0101 <= gap[number == 1].min() < 0.0
+    assert 0.02 < gap[number == 1].max() <= 0.0301
+    assert (number == 1).mean() > 0.5
+
+
 def test_some_of_them_turn_a_cube_over(cube, strokes):
     worlds, place = cube
     worlds.reset()
@@ -45,7 +60,7 @@ def test_some_of_them_turn_a_cube_over(cube, strokes):
     turn, over = heading_turn(worlds.task, place.object_state, place.p_WP), np.zeros(NUMBER, bool)
     for going, out in carried_out(worlds, strokes @ turn.T):
         over |= going & out.terminated
-    assert over.sum() >= 6
+    assert over.sum() >= 60
 
 
 def test_they_are_of_tasks_that_move_the_pusher_in_space(cube):
