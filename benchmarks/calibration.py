@@ -26,8 +26,8 @@ if __name__ == "__main__":
 import cv2
 from scipy.stats import f as fisher
 
-from benchmarks.rendered_lab import WORKSPACE, RenderedLab
 from benchmarks.results import machine, markdown, verdict
+from benchmarks.scenes.rendered_lab import WORKSPACE, RenderedLab
 from pinwm_drake.spatial.rigid import apply, inverse
 from pinwm_drake.station.accuracy import CONFIDENCE, across, degrees_of_freedom, seen_spread, within
 from pinwm_drake.station.calibrate import Calibration, calibration_of

@@ -24,8 +24,8 @@ import numpy as np
 import torch
 
 from benchmarks.contact_scenes import l_block, prism, solid
-from benchmarks.mujoco_xml import poked_model, pusher
 from benchmarks.results import markdown, write_json
+from benchmarks.scenes.mujoco_xml import poked_model, pusher
 from pinwm_drake.geometry.convex import t_block
 from pinwm_drake.geometry.primitive import acting_pieces
 from pinwm_drake.geometry.shapes import box, sphere

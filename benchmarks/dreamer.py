@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Learning curve of Dreamer V2 on the point mass of `point_mass.py`, from 100 recorded random episodes.
+"""Learning curve of Dreamer V2 on the point mass of `scenes/point_mass.py`, from 100 recorded random episodes.
 
     python -m benchmarks.dreamer [--size 64] [--updates 1000] [--rounds 4] [--out FOLDER]
 
@@ -19,7 +19,7 @@ if __name__ == "__main__":
 
 import torch
 
-from benchmarks.point_mass import Homing, PointMassWorlds, Wandering
+from benchmarks.scenes.point_mass import Homing, PointMassWorlds, Wandering
 from pinwm_drake.files import prepare_folder
 from pinwm_drake.learning.evaluation import Acts
 from pinwm_drake.learning.method import MethodData

@@ -22,7 +22,7 @@ import numpy as np
 from mujoco.rollout import Rollout
 
 from benchmarks.environment import Player
-from benchmarks.mujoco_xml import poked_model, pusher
+from benchmarks.scenes.mujoco_xml import poked_model, pusher
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
 from pinwm_drake.systems.scenario.start import StartDistribution

@@ -17,9 +17,9 @@ import trimesh
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from benchmarks.lab_captures import TRUTH, write_film, write_photos
-from benchmarks.lab_scenes import CASES, Case
 from benchmarks.results import machine
+from benchmarks.scenes.lab_captures import TRUTH, write_film, write_photos
+from benchmarks.scenes.lab_scenes import CASES, Case
 from pinwm_drake.experiments.masking import mask_capture, read_shots
 from pinwm_drake.experiments.meshing import read_depths
 from pinwm_drake.geometry.hull.surface import hull_meshes

@@ -10,7 +10,8 @@ import statistics
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import push, results, timing
+from benchmarks import results, timing
+from benchmarks.scenes import push
 
 BAR = 500.0  # MB that a differentiable rollout of 32 worlds may add
 _LENGTHS = (1, 4, 16)  # times 320 steps
@@ -40,7 +41,7 @@ def _rollout(length: int, gradient: bool) -> tuple[float, float]:
     timing.limit_threads(1)
     import torch
 
-    from benchmarks.pinwm_scene import PinwmPush
+    from benchmarks.scenes.pinwm_scene import PinwmPush
 
     scene = PinwmPush("sphere", num_worlds=_WORLDS)
     case = scene.forward_backward if gradient else scene.forward

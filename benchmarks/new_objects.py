@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Flips of objects that do not ship: a box 1:2:3, a round bottle and an L, each lying, to be put on an end.
+"""Flips of objects that do not ship: a box 1:2:3, a bottle-like cylinder and an L, each lying, to be turned by 90°.
 
     python -m benchmarks.new_objects OUT
     pinwm train OUT/box.scenario.yaml -o OUT/box_policy --minutes 30
@@ -53,9 +53,9 @@ def _prism(outline: list[tuple[float, float]], height: float) -> trimesh.Trimesh
 
 _HALF = float(np.sqrt(0.5))
 OBJECTS = {
-    "box": NewObject(trimesh.creation.box((0.04, 0.08, 0.12)), (0.0, 0.0, -1.0), (_HALF, 0.0, _HALF, 0.0)),
+    "box": NewObject(trimesh.creation.box((0.04, 0.08, 0.12)), (0.0, 1.0, 0.0), (0.5, 0.5, -0.5, 0.5)),
     "bottle": NewObject(
-        trimesh.creation.cylinder(0.03, 0.12, sections=64), (0.0, 0.0, -1.0), (_HALF, 0.0, _HALF, 0.0), 64
+        trimesh.creation.cylinder(0.035, 0.1, sections=64), (0.0, 0.0, -1.0), (_HALF, 0.0, _HALF, 0.0), 64
     ),
     "l_block": NewObject(
         _prism([(0.0, 0.0), (0.04, 0.1), (0.04, 0.0), (0.08, 0.04)], 0.05),

@@ -31,7 +31,7 @@ BARS = {"forward_800": 1.3, "gradient_800": 4.0, "forward_64": 0.5, "reference":
 def _added(name: str) -> float:
     """Memory [MB] that a call adds to this process's at its peak, after a small one of its kind; Linux only."""
     timing.limit_threads(1)
-    from benchmarks import render_scene as scene
+    from benchmarks.scenes import render_scene as scene
     from pinwm_drake.rendering.render import render
     from pinwm_drake.rendering.surfels import Surfels
     from pinwm_drake.spatial.poses import Pose
@@ -65,7 +65,7 @@ def _measure(cores: int, rounds: int) -> dict:
     timing.limit_threads(cores)
     import torch
 
-    from benchmarks import render_scene as scene
+    from benchmarks.scenes import render_scene as scene
     from pinwm_drake.rendering.camera import Camera
     from pinwm_drake.rendering.render import render
     from pinwm_drake.rendering.surfels import Surfels

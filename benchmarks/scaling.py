@@ -11,7 +11,8 @@ import argparse
 import time
 from pathlib import Path
 
-from benchmarks import push, results, timing
+from benchmarks import results, timing
+from benchmarks.scenes import push
 
 if __name__ == "__main__":
     timing.limit_threads(1)  # before numba and torch are imported
@@ -20,7 +21,7 @@ import numpy as np
 import torch
 from scipy.stats import linregress
 
-from benchmarks.pinwm_scene import inspect_path, leaves, pressing_pairs
+from benchmarks.scenes.pinwm_scene import inspect_path, leaves, pressing_pairs
 from pinwm_drake.geometry import shapes
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters

@@ -6,16 +6,17 @@ All engines perform the push of `push.py` for 320 steps; a round is one rollout 
 
 import time
 
-from benchmarks import push, results, timing
+from benchmarks import results, timing
+from benchmarks.scenes import push
 
 if __name__ == "__main__":
     timing.limit_threads(1)  # before numba and torch are imported
 
 import numpy as np
 
-from benchmarks.bullet_scene import BulletPush
-from benchmarks.mujoco_scene import MujocoPush
-from benchmarks.pinwm_scene import PinwmPush
+from benchmarks.scenes.bullet_scene import BulletPush
+from benchmarks.scenes.mujoco_scene import MujocoPush
+from benchmarks.scenes.pinwm_scene import PinwmPush
 
 FORWARD_BAR, BACKWARD_BAR = 2.5, 7.0  # times MuJoCo's step
 _OURS = {

@@ -12,7 +12,7 @@ if __name__ == "__main__":
 
 import torch
 
-from benchmarks.pinwm_scene import PinwmPush
+from benchmarks.scenes.pinwm_scene import PinwmPush
 
 BAR = 1.7  # times the speed of one thread
 _KINDS = {"forward": "forward", "forward_backward": "forward and backward"}

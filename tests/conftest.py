@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -45,11 +46,26 @@ def pinwm() -> Callable[..., tuple[int, str, str]]:
 
 @pytest.fixture(scope="session")
 def read_operators_once() -> Iterator[None]:
-    """Makes torch read the operators of ONNX once, and not for each export, which takes half a second."""
+    """Makes torch read the operators of ONNX once, and not for each export, which takes half a second.
+
+    Trainings try out the export of networks of one shape once.
+    """
     from torch.onnx._internal.exporter._registration import ONNXRegistry
+
+    from pinwm_drake.experiments import training
+
+    check, known = training.check_exportable, set()
+
+    def once(spec: Any) -> None:
+        task = type(spec.task), spec.task.goal_size
+        shape = spec.image_shape, spec.pusher_size, spec.head, spec.window, spec.width, *task
+        if shape not in known:
+            check(spec)
+            known.add(shape)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(cache(ONNXRegistry.from_torchlib)))
+        patch.setattr(training, "check_exportable", once)
         yield
 
 

@@ -25,8 +25,8 @@ import yaml
 from benchmarks.lab_example.picture import write_picture
 from benchmarks.lab_example.scene import COLUMNS, MASS, PRINTED, WORKSPACE, ExampleLab, Sizes
 from benchmarks.lab_example.score import figures, table
-from benchmarks.lab_scenes import TIP
 from benchmarks.results import machine, write_block
+from benchmarks.scenes.lab_scenes import TIP
 from pinwm_drake.capture.scene import EPISODES
 from pinwm_drake.documents import read_yaml
 from pinwm_drake.experiments.progress import silent

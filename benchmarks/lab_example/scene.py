@@ -16,12 +16,12 @@ import numpy as np
 import torch
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.lab_scenes import TIP, WOOD, Case, Lab, photo, ring
 from benchmarks.next_push.engines import engine
 from benchmarks.next_push.engines.rollout import LOG_RATE, Rollout, Theta
 from benchmarks.next_push.objects import make_thing
 from benchmarks.next_push.pushes import FRAME_RATE, Push
-from benchmarks.rendered_lab import MIDDLE, TEXELS, RenderedLab
+from benchmarks.scenes.lab_scenes import TIP, WOOD, Case, Lab, photo, ring
+from benchmarks.scenes.rendered_lab import MIDDLE, TEXELS, RenderedLab
 from pinwm_drake.capture.lens import Lens
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.files import prepare_folder

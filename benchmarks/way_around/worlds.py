@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.small_worlds import MakeSmallWorlds, SmallWorlds
+from benchmarks.scenes.small_worlds import MakeSmallWorlds, SmallWorlds
 from pinwm_drake.learning.evaluation import Evaluation
 from pinwm_drake.learning.world_evaluation import evaluate_worlds
 

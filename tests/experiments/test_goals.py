@@ -33,7 +33,7 @@ def run(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def bundle(run):
-    exported = CliRunner().invoke(app, ["export", str(run), str(run.parent / "bundle")])
+    exported = CliRunner().invoke(app, ["export", str(run), str(run.parent / "bundle"), "--no-arms"])
     assert exported.exit_code == 0, exported.output
     return read_bundle(run.parent / "bundle")
 

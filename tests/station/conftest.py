@@ -2,7 +2,7 @@
 import cv2
 import pytest
 
-from benchmarks.rendered_lab import RenderedLab
+from benchmarks.scenes.rendered_lab import RenderedLab
 from pinwm_drake.station.board import Detector
 from pinwm_drake.station.calibrate import calibrate
 

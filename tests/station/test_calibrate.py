@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from benchmarks.calibration import HEIGHT, MEDIAN, TILT, WORST, score
-from benchmarks.rendered_lab import RenderedLab
+from benchmarks.scenes.rendered_lab import RenderedLab
 from pinwm_drake.errors import PinwmError
 from pinwm_drake.spatial.rigid import from_pose, inverse, rigid
 from pinwm_drake.station.calibrate import PICTURES, calibration_of

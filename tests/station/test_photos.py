@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from benchmarks.calibration import MEDIAN, WORST
-from benchmarks.rendered_lab import MIDDLE, WORKSPACE, RenderedLab, look_at
+from benchmarks.scenes.rendered_lab import MIDDLE, WORKSPACE, RenderedLab, look_at
 from pinwm_drake.capture.static_views import TRANSFORMS
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.errors import InputError

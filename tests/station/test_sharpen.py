@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import numpy as np
 
-from benchmarks.rendered_lab import RenderedLab
+from benchmarks.scenes.rendered_lab import RenderedLab
 from pinwm_drake.spatial.rigid import apply, inverse, rigid
 from pinwm_drake.station.board import Detector
 from pinwm_drake.station.sharpen import Sharpener

@@ -14,9 +14,9 @@ import pybullet  # type: ignore[import-not-found]
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.bullet_scene import STILL, bullet_world, pusher
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, EngineScene, Theta, Tip, rigid
 from benchmarks.next_push.objects import Thing
+from benchmarks.scenes.bullet_scene import STILL, bullet_world, pusher
 
 _STEPS_PER_LOG = 8  # 1/1920 s
 _ITERATIONS = 200

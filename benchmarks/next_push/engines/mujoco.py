@@ -17,9 +17,9 @@ import numpy as np
 import trimesh
 from pydrake.math import RigidTransform
 
-from benchmarks.mujoco_xml import numbers, pusher
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, EngineScene, Theta, Tip, rigid
 from benchmarks.next_push.objects import Thing
+from benchmarks.scenes.mujoco_xml import numbers, pusher
 
 _STEPS_PER_LOG = 17  # 1/4080 s
 _POINT_RADIUS = 1e-5  # m

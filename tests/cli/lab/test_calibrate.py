@@ -4,7 +4,7 @@ import shutil
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.rendered_lab import RenderedLab
+from benchmarks.scenes.rendered_lab import RenderedLab
 from pinwm_drake.cli.app import app
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.experiments.requests.stations import CalibrateRequest

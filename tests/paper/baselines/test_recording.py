@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 import numpy as np
 
-from benchmarks.point_mass import STEPS, PointMass, Wandering
+from benchmarks.scenes.point_mass import STEPS, PointMass, Wandering
 from pinwm_drake.paper.baselines.recording import record_episodes
 
 

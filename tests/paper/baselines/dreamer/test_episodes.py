@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.point_mass import STEPS, PointMass, PointMassWorlds, Wandering
+from benchmarks.scenes.point_mass import STEPS, PointMass, PointMassWorlds, Wandering
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.paper.baselines.dreamer.episodes import RandomPushes, Replay, collect
 from pinwm_drake.paper.baselines.recording import Episode, episode_file, read_episodes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.point_mass import PointMassWorlds, Wandering
+from benchmarks.scenes.point_mass import PointMassWorlds, Wandering
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning import rounds
 from pinwm_drake.learning.method import MethodData

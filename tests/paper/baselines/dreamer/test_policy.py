@@ -4,7 +4,7 @@ import pytest
 import torch
 import yaml
 
-from benchmarks.point_mass import PointMass, PointMassWorlds
+from benchmarks.scenes.point_mass import PointMass, PointMassWorlds
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.learning.policy import WEIGHTS_FILE
 from pinwm_drake.paper.baselines.dreamer.policy import (

@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
-from benchmarks import push
+from benchmarks.scenes import push
 from benchmarks.timing import Case
 
 _PUSHER_MASS = 1000.0  # kg

@@ -10,8 +10,8 @@ but moves without a velocity, so that MuJoCo's soft contact lags behind it by 5 
 import mujoco
 import numpy as np
 
-from benchmarks import mujoco_xml, push
-from benchmarks.pinwm_scene import block
+from benchmarks.scenes import mujoco_xml, push
+from benchmarks.scenes.pinwm_scene import block
 from benchmarks.timing import Case
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: MIT
 """Success of the shipped bundle where its contract is not kept, as a stranger might run it.
 
-    python -m benchmarks.bundle_mistakes [--episodes 100] [--engine twin]
+    python -m benchmarks.hardening.bundle_mistakes [--episodes 100] [--engine twin]
 
 The episodes are those of `pinwm evaluate push_t --engine twin`, seeds 0 and up.
 """

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.small_worlds import MakeSmallWorlds, SmallWorlds
+from benchmarks.scenes.small_worlds import MakeSmallWorlds, SmallWorlds
 
 REACH = 0.15  # largest distance of a success
 STEPS = 25  # actions of an episode at most

@@ -10,7 +10,7 @@ import torch
 import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
-from benchmarks.lab_scenes import TIP, Case, Lab, as_pose, disturbed, looking, photo, ring
+from benchmarks.scenes.lab_scenes import TIP, Case, Lab, as_pose, disturbed, looking, photo, ring
 from pinwm_drake.capture.episode_tables import ObjectPoses, PusherTrajectory
 from pinwm_drake.capture.scene import PusherShape
 from pinwm_drake.capture.write import write_capture_yaml, write_episode_tables, write_posed_images

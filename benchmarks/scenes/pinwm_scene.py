@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import torch
 
-from benchmarks import push
+from benchmarks.scenes import push
 from benchmarks.timing import Case
 from pinwm_drake.geometry import shapes
 from pinwm_drake.physics import diagnose
