@@ -25,7 +25,6 @@ from pinwm_drake.tasks.waypoints import Waypoints
 
 _DOMAIN = "domain."
 _MIDWAY = 0.6  # share of the episodes that begin in a waypoint, where there are any
-_PRESSED = 5.0  # cost of a press that ends an episode, more than an object that is half over gains
 RESET_OPTIONS = ("place", "X_WO", "p_WP", "goal")
 OnReset = Callable[[int], Cousin | None]
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
@@ -94,8 +93,8 @@ class Worlds:
             0 at first.
         light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the
             whole object loses up to as much once more. 0 at first: the light that the twin was filmed in.
-        most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed,
-            and costs reward. None at first, which is without a limit.
+        most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
+            None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
             that is seen instead. None at first.
 
@@ -201,7 +200,7 @@ class Worlds:
                 self.run.set_world_state(self.waypoints.object_state[row], self.waypoints.p_WP[row], world)
             else:
                 again = not given and self.retries and generator.random() < self.retries
-                drawn = self._start.anywhere(generator) if again else self._start.draw(generator)
+                drawn = self._start.anywhere(generator)[0] if again else self._start.draw(generator)
                 self.run.place(_chosen_place(drawn, given), world)
             self._goal[world] = self._chosen_goal(self.task.draw_goal(generator), given)
             self._delay.begin(world, generator)
@@ -264,7 +263,6 @@ class Worlds:
         if self._observer.needs_images and not failed.all():
             self._observer.see(self._spoilt(self.run.images(), np.arange(self.num_worlds)))
         reward = self.task.rewards(before, progress)
-        reward = np.where(hard, np.minimum(reward, 0.0) - _PRESSED, reward)
         return Advance(reward, terminated, truncated, progress, self._steps.copy(), failures)
 
     def _within_reach(self) -> np.ndarray:

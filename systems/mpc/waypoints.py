@@ -86,9 +86,9 @@ def find_waypoints(
 
     Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
     more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
-    with the largest share of replays that do the task stays: states of these replays, and what it does there. The
-    pusher goes first to the middle of where episodes begin, beside the object. More replays begin anywhere, as after a
-    try that failed: the way there goes around the object.
+    with the largest share of replays that do the task stays: states of these replays, and what it does there. More
+    replays begin anywhere, as after a try that failed: the pusher goes around the object first, to where episodes
+    begin.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -226,10 +226,12 @@ class _Search:
         for some in np.array_split(plans, -(-len(plans) // (W // starts))):
             # Worlds that are left over do what others do.
             which = np.arange(W) // starts % len(some)
-            wanted, noisy = self._led([at[k] for k in start], some[which], noises[start])
+            wanted = some[which] @ self._place([at[k] for k in start]).swapaxes(1, 2)
             total = np.zeros(W)
-            for going, out in carried_out(self._replays, np.clip(wanted + noisy, -1.0, 1.0)):
+            for going, out in carried_out(self._replays, np.clip(wanted + noises[start], -1.0, 1.0)):
                 total += np.where(going, out.reward, 0.0)
+                failed = going & out.terminated & ~out.progress.success  # it pressed too hard, and has turned nothing
+                total[failed] = np.minimum(total[failed], 0.0)
             worth += [total[which == k].mean() for k in range(len(some))]
         return np.array(worth)
 
@@ -260,48 +262,28 @@ class _Search:
     def _draw(self, number: int, generator: np.random.Generator) -> list[Place]:
         places = [self._start.draw(generator) for _ in range(number)]
         slips = generator.normal(0.0, _SLIP, (number, 3))
-        return [
-            Place(place.X_WO, place.p_WP + slip, _middle(place) + slip)
-            for place, slip in zip(places, slips, strict=True)
-        ]
+        return [Place(place.X_WO, place.p_WP + slip) for place, slip in zip(places, slips, strict=True)]
 
     def _noise(self, number: int, noise: float, generator: np.random.Generator) -> np.ndarray:
         return np.asarray(generator.normal(0.0, noise, (number, *self._mean.shape)))
 
-    def _led(self, places: list[Place], plans: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Put the worlds into places; gives ways to the middle start with a plan after each, and noise on the plans.
-
-        Args:
-            places: W places.
-            plans: (W, horizon, n) actions, told along the heading.
-            noise: (W, horizon, n).
-        """
-        worlds, (W, horizon, n) = self._replays, plans.shape
-        longest = worlds.run.max_translation
-        worlds.set_object_states(
+    def _place(self, places: list[Place]) -> np.ndarray:
+        """Put the worlds into places (W); gives the turns (W, n, n) of a plan's actions there."""
+        self._replays.set_object_states(
             np.array([place.object_state for place in places]), np.array([place.p_WP for place in places])
         )
-        ways = [around(place.X_WO.translation(), place.p_WP, _middle(place), longest)[: _WAY + 1] for place in places]
-        wanted, noisy = np.zeros((2, W, max(map(len, ways)) - 1 + horizon, n))
-        for world, (place, way) in enumerate(zip(places, ways, strict=True)):
-            steps = len(way) - 1
-            turn = heading_turn(worlds.task, place.object_state, _middle(place))
-            wanted[world, :steps] = np.diff(way, axis=0) / longest
-            wanted[world, steps : steps + horizon] = plans[world] @ turn.T
-            noisy[world, steps : steps + horizon] = noise[world]
-        return wanted, noisy
+        return np.array([heading_turn(self._replays.task, place.object_state, place.p_WP) for place in places])
 
     def _replay(
-        self, actions: np.ndarray, noise: float, generator: np.random.Generator, *, again: bool = False
+        self, actions: np.ndarray, level: float, generator: np.random.Generator, *, again: bool = False
     ) -> tuple[Waypoints, float]:
         """Return the waypoints of those replays of a plan that did the task, and their share."""
         worlds, W = self._replays, self._replays.num_worlds
         worlds.begin(np.arange(W))  # for the domains
-        places = [self._start.anywhere(generator) for _ in range(W)] if again else self._draw(W, generator)
-        plans = np.broadcast_to(actions, (W, *actions.shape))
-        wanted, noisy = self._led(places, plans, self._noise(W, noise, generator))
+        begun = self._again if again else self._once
+        wanted, noise = begun(actions, level, generator)
         seen, went, success = [_states(worlds)], [], np.zeros(W, bool)
-        asked = np.clip(wanted + noisy, -1.0, 1.0)
+        asked = np.clip(wanted + noise, -1.0, 1.0)
         for going, out in carried_out(worlds, asked):
             seen.append(_states(worlds))
             went.append(going)
@@ -315,10 +297,29 @@ class _Search:
         found = Waypoints(object_state, p_WP, wanted.swapaxes(0, 1)[: len(kept)][kept], past[: len(kept)][kept])
         return found, float(success.mean())
 
+    def _once(self, actions: np.ndarray, level: float, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Put the worlds at starts; gives a plan's actions there and the noise on them, (W, horizon, n) each."""
+        W = self._replays.num_worlds
+        wanted = actions @ self._place(self._draw(W, generator)).swapaxes(1, 2)
+        return wanted, self._noise(W, level, generator)
 
-def _middle(place: Place) -> np.ndarray:
-    assert place.p_middle is not None  # of a place that was drawn
-    return place.p_middle
+    def _again(
+        self, actions: np.ndarray, level: float, generator: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Put the worlds anywhere; gives ways to the starts with a plan after them, and noise on the latter."""
+        worlds, (horizon, n) = self._replays, actions.shape
+        W, longest = worlds.num_worlds, worlds.run.max_translation
+        drawn = [self._start.anywhere(generator) for _ in range(W)]
+        self._place([place for place, _ in drawn])
+        wanted, noise = np.zeros((2, W, _WAY + horizon, n))
+        noises = self._noise(W, level, generator)
+        for world, (place, begun) in enumerate(drawn):
+            steps = np.diff(around(place.X_WO.translation(), place.p_WP, begun, longest), axis=0)[:_WAY] / longest
+            plan = np.s_[world, len(steps) : len(steps) + horizon]
+            wanted[world, : len(steps)] = steps
+            wanted[plan] = actions @ heading_turn(worlds.task, place.object_state, begun).T
+            noise[plan] = noises[world]
+        return wanted, noise
 
 
 def _states(worlds: Worlds) -> tuple[np.ndarray, np.ndarray]:

@@ -26,13 +26,10 @@ class Place:
     Attributes:
         X_WO: Pose of the object, on the floor.
         p_WP: (3,) m, world: position of the pusher.
-        p_middle: (3,) m, world: the pusher's position in the middle of its ranges, beside this object; None where the
-            place was not drawn.
     """
 
     X_WO: RigidTransform
     p_WP: np.ndarray
-    p_middle: np.ndarray | None = None
 
     @property
     def object_state(self) -> np.ndarray:
@@ -77,11 +74,14 @@ class StartDistribution:
         """Random place, each number drawn evenly from its range."""
         return self._drawn(self._start, generator)
 
-    def anywhere(self, generator: np.random.Generator) -> Place:
+    def anywhere(self, generator: np.random.Generator) -> tuple[Place, np.ndarray]:
         """Random place of a further try: the object where others have left it, the pusher on any side of it.
 
         The object is up to 0.12 m outside the ranges of x and y, at any yaw; the gap is up to 0.15 m, and the pusher is
         between its height at the start and the top of its box.
+
+        Returns:
+            The place, and the position (3,) m, world, of a pusher that begins there as the scene says.
         """
         start = self._start
         x, y = ([min(ends) - _STRAY, max(ends) + _STRAY] for ends in (start.x, start.y))
@@ -90,7 +90,7 @@ class StartDistribution:
         distance = self._radius(begun.X_WO.rotation()) + generator.uniform(min(start.pusher_gap), _GAP)
         away = [distance * math.cos(angle), distance * math.sin(angle)]
         p_WP = np.clip([*begun.X_WO.translation()[:2] + away, height], self._low, self._high)
-        return dataclasses.replace(begun, p_WP=p_WP)
+        return Place(begun.X_WO, p_WP), begun.p_WP
 
     def _drawn(self, start: Start, generator: np.random.Generator) -> Place:
         roll = int(generator.integers(start.rolls)) if start.rolls > 1 else 0
@@ -103,15 +103,11 @@ class StartDistribution:
         R_WO = RotationMatrix.MakeZRotation(yaw) @ self._R
         if roll:
             R_WO = R_WO @ RotationMatrix(AngleAxis(roll, self._roll_axis))
+        angle += yaw if start.pusher_from == "object" else 0.0
         X_WO = on_floor(self.vertices, R_WO, x, y, self._floor_height)
-        radius, turn = self._radius(R_WO), yaw if start.pusher_from == "object" else 0.0
-
-        def beside(angle: float, gap: float) -> np.ndarray:
-            level = (radius + gap) * np.array([math.cos(turn + angle), math.sin(turn + angle)])
-            return np.array([x + level[0], y + level[1], start.pusher_height])
-
-        middle = beside(float(np.mean(start.pusher_angle)), float(np.mean(start.pusher_gap)))
-        return Place(X_WO, beside(angle, gap), middle)
+        distance = self._radius(R_WO) + gap
+        p_WP = [x + distance * math.cos(angle), y + distance * math.sin(angle), start.pusher_height]
+        return Place(X_WO, np.array(p_WP))
 
     def _radius(self, R_WO: RotationMatrix) -> float:
         """Level distance [m] of the pusher from the object's origin at which they may touch."""

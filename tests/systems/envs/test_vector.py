@@ -232,7 +232,7 @@ def test_seeds_are_one_or_one_for_each_world():
 
 
 @pytest.mark.parametrize("most", [None, 50.0])
-def test_a_press_beyond_the_limit_fails_and_costs_more_than_a_turn_gains(most):
+def test_a_press_beyond_the_limit_fails(most):
     task = load_setup("flip_cube").task.for_training()
     worlds = Worlds("flip_cube", "twin", 2, EnvOptions(time_step=1 / 480, task=task))
     worlds.reset()
@@ -248,5 +248,4 @@ def test_a_press_beyond_the_limit_fails_and_costs_more_than_a_turn_gains(most):
     if most is None:
         assert not out.failures
     else:
-        assert out.reward[0] < -4.0
         assert "mean force over 50.0 N" in out.failures[0]

@@ -84,15 +84,11 @@ def test_objects_of_shipped_scenarios_start_on_the_floor_with_the_pusher_in_its_
     assert (np.abs(p_C[:2] / p_C[2]) < math.tan(0.5 * setup.scenario.camera.fov_y)).all()
 
 
-def moved_height(places):
-    return np.array([place.X_WO.translation()[2] for place in places])
-
-
 def test_a_further_try_begins_with_the_pusher_on_any_side_of_an_object_that_was_moved():
     setup = make_setup(load_scenario(URL.format("flip_mug")))
     low, high = np.array(setup.scenario.pusher.low), np.array(setup.scenario.pusher.high)
     starts, generator = StartDistribution(setup), np.random.default_rng(0)
-    places = [starts.anywhere(generator) for _ in range(200)]
+    places = [starts.anywhere(generator)[0] for _ in range(200)]
     for place in places:
         corners = starts.vertices @ place.X_WO.rotation().matrix().T + place.X_WO.translation()
         assert corners[:, 2].min() == pytest.approx(0, abs=1e-12)
@@ -104,12 +100,6 @@ def test_a_further_try_begins_with_the_pusher_on_any_side_of_an_object_that_was_
     assert np.histogram(np.arccos(side.clip(-1, 1)), 4, (0.0, math.pi))[0].min() > 25
     moved = np.array([place.X_WO.translation()[:2] for place in places])
     assert 0.15 < np.abs(moved).max() < 0.18
-    # The middle of where a first try begins there: before the base, at the scene's height and mean gap.
-    middle = np.array([place.p_middle - place.X_WO.translation() for place in places])
-    np.testing.assert_allclose(middle[:, 2] + moved_height(places), 0.065, atol=1e-12)
-    level = np.linalg.norm(middle[:, :2], axis=1)
-    np.testing.assert_allclose(np.einsum("pi,pi->p", middle[:, :2], base[:, :2]) / level, 1.0, atol=1e-6)
-    np.testing.assert_allclose(level, level[0], atol=1e-3)
     draws = np.random.default_rng(1), np.random.default_rng(1)
     assert (starts.draw(draws[0]).p_WP == StartDistribution(setup).draw(draws[1]).p_WP).all()
 
