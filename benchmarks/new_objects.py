@@ -6,7 +6,8 @@
 
 Writes a twin and a scenario for each into OUT. The twins have the true mass and shape, painted surfaces, and the
 frictions of `flip_mug`; the scenarios are that of `flip_mug` but for the keys that docs/reference/formats/scenario.md
-names for a flip of one's own. No option, plan or constant is of one of the objects.
+names for a flip of one's own. The sizes are such that a pusher of 1.25 m/s can turn the objects: larger ones it cannot
+(docs/lab-book/2026-11-29-new-objects.md).
 """
 
 import argparse
@@ -19,16 +20,14 @@ import numpy as np
 import trimesh
 import yaml
 
-from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.models import model_path
 from pinwm_drake.models.paint import COLOURS, Paint, painted
-from pinwm_drake.rendering.painted import painted_surfels
-from pinwm_drake.twin.twin import THETA, Estimate, Twin
+from pinwm_drake.systems.scenario.schema import Theta
+from pinwm_drake.systems.scenario.setup import given_twin
+from pinwm_drake.twin.twin import Twin
 from pinwm_drake.twin.write import write_twin
 
-_FLOOR, _PUSHER, _MASS = 0.2, 0.9, 1.0
+_SCENE = model_path("scenarios/flip_mug.scenario.yaml")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,32 +83,13 @@ def make_twin(name: str, item: NewObject, folder: Path) -> Twin:
     visual = path.with_name(f"{name}_visual.obj")
     visual.write_text(text)
     visual.with_suffix(".mtl").write_text(materials)
-    inertia = mass_properties(load_mesh(path), mass=_MASS).inertia
-    values = {"mass": _MASS, "friction_floor": _FLOOR, "friction_pusher": _PUSHER}
-    values |= {"restitution_floor": 0.0, "restitution_pusher": 0.0}
-    values |= {f"inertia_{2 * axis}": float(inertia[k, k]) for k, axis in enumerate("xyz")}
-    return Twin(
-        name=name,
-        mesh_path=path,
-        pusher=PusherGeometry(None, PusherShape("sphere", 0.01)),
-        gravity=9.81,
-        floor_height=0.0,
-        time_step=1 / 240,
-        support="corners",
-        theta={key: Estimate(values[key], None, True, unit, "given") for key, unit in THETA.items()},
-        nuisance={},
-        camera_offset=(0.0, 0.0),
-        surfels=painted_surfels(visual),
-        provenance={"made by": "benchmarks.new_objects"},
-        acts_as=mesh_primitives(path),
-    )
+    theta = Theta(**yaml.safe_load(_SCENE.read_text(encoding="utf-8"))["theta"])
+    return given_twin(name, path, visual, theta, {"made by": "benchmarks.new_objects"})
 
 
 def scenario(name: str, item: NewObject) -> dict[str, Any]:
     """The scenario of `flip_mug` with another object and pose."""
-    document: dict[str, Any] = yaml.safe_load(
-        model_path("scenarios/flip_mug.scenario.yaml").read_text(encoding="utf-8")
-    )
+    document: dict[str, Any] = yaml.safe_load(_SCENE.read_text(encoding="utf-8"))
     del document["object"], document["theta"]
     start = document["start"]
     start |= {"q_WO": list(item.q_WO), "rolls": item.rolls, "roll_axis": list(item.roll_axis)}

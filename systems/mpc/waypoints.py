@@ -128,6 +128,7 @@ def find_waypoints(
 class _Plan:
     """Waypoints of those replays of a plan that did the task, their share of all its replays, and its actions.
 
+    With a part of the noise the share counts that part; see `WaypointOptions.noise`.
     The actions (horizon, n) are told from a start with the pusher along x from the object.
     """
 

@@ -129,8 +129,25 @@ def _painted(visual_path: Path) -> Surfels:
 
 
 def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
-    model, theta = object_model(str(scenario.object)), scenario.theta or Theta()
-    inertia = mass_properties(load_mesh(model.mesh_path), mass=theta.mass).inertia
+    model = object_model(str(scenario.object))
+    theta, provenance = scenario.theta or Theta(), {"scenario": scenario.name}
+    return given_twin(model.name, model.mesh_path, model.visual_path, theta, provenance), model.visual_path
+
+
+def given_twin(name: str, mesh_path: Path, visual_path: Path, theta: Theta, provenance: dict[str, Any]) -> Twin:
+    """Twin of an object whose physical parameters are given: inertia of its mesh, and painted surfels.
+
+    Args:
+        name: Name of the object.
+        mesh_path: Closed mesh, m, frame O, origin at the centre of mass.
+        visual_path: The same surface in colours, as `painted_surfels` takes it.
+        theta: Mass and coefficients.
+        provenance: Plain data.
+
+    Raises:
+        InputError: One of the meshes cannot be used.
+    """
+    inertia = mass_properties(load_mesh(mesh_path), mass=theta.mass).inertia
     values = {
         "mass": theta.mass,
         **{f"inertia_{2 * axis}": float(inertia[k, k]) for k, axis in enumerate("xyz")},
@@ -139,9 +156,9 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         "restitution_floor": theta.restitution,
         "restitution_pusher": theta.restitution,
     }
-    twin = Twin(
-        name=model.name,
-        mesh_path=model.mesh_path,
+    return Twin(
+        name=name,
+        mesh_path=mesh_path,
         pusher=PusherGeometry(None, PusherShape("sphere", 0.01)),
         gravity=_GRAVITY,
         floor_height=0.0,
@@ -150,11 +167,10 @@ def _twin_of_object(scenario: Scenario) -> tuple[Twin, Path]:
         theta={name: Estimate(values[name], None, True, unit, "given") for name, unit in THETA.items()},
         nuisance={},
         camera_offset=(0.0, 0.0),
-        surfels=_painted(model.visual_path),
-        provenance={"scenario": scenario.name},
-        acts_as=mesh_primitives(model.mesh_path),
+        surfels=_painted(visual_path),
+        provenance=provenance,
+        acts_as=mesh_primitives(mesh_path),
     )
-    return twin, model.visual_path
 
 
 def _with_settings(twin: Twin, scenario: Scenario) -> Twin:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from pinwm_drake.cousins.domain import CousinDomains
 from pinwm_drake.errors import InputError, ParameterError
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds, training_options
+from pinwm_drake.systems.mpc import waypoints as search
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions, find_waypoints
 from pinwm_drake.tasks.waypoints import WAYPOINTS_FILE, Waypoints
 
@@ -136,3 +138,35 @@ def test_waypoints_of_late_actions_keep_what_is_still_to_take_effect(tmp_path):
     moved = (env.run.p_WP - before) / env.run.max_translation
     off = np.linalg.norm(moved - waypoints.past[row, 0], axis=1)[begun]
     assert np.mean(off < 1e-6) > 0.5  # the others met the box's wall
+
+
+@pytest.mark.parametrize(("success", "worth"), [(True, 1.5), (False, 0.0)])
+def test_a_plan_that_ends_with_a_press_has_turned_nothing(worlds, monkeypatch, success, worth):
+    def carried_out(replays, actions):
+        W = len(actions)
+        for reward, ended in ((2.0, False), (-0.5, True)):
+            progress = SimpleNamespace(success=np.full(W, success and ended))
+            out = SimpleNamespace(reward=np.full(W, reward), terminated=np.full(W, ended), progress=progress)
+            yield np.ones(W, bool), out
+
+    monkeypatch.setattr(search, "carried_out", carried_out)
+    found = search._Search(worlds, QUICK, 3)._worth(np.zeros((1, 9, 3)), 4, 0.0, np.random.default_rng(0))
+    assert found == pytest.approx(worth)
+
+
+@pytest.mark.parametrize(
+    ("shares", "kept", "levels"),
+    [((0.3, 0.9, 0.9), 0.3, 1), ((0.05, 0.2, 0.9), 0.1, 2), ((0.0, 0.05, 0.4), 0.1, 3), ((0.0, 0.0, 0.0), 0.0, 3)],
+)
+def test_less_noise_is_tried_where_few_replays_do_the_task_and_counts_less(worlds, monkeypatch, shares, kept, levels):
+    searching, tried = search._Search(worlds, QUICK, 3), []
+
+    def replay(actions, level, generator, *, again=False):
+        tried.append(level)
+        return Waypoints(), shares[round(np.log2(QUICK.noise / level))]
+
+    monkeypatch.setattr(searching, "_replay", replay)
+    searching._keep(np.zeros((9, 3)), np.random.default_rng(0))
+    assert searching.best.share == pytest.approx(kept)
+    assert sorted(set(tried), reverse=True) == pytest.approx([QUICK.noise / 2**k for k in range(levels)])
+    assert len(tried) == QUICK.replays * (levels + 3 * (kept > 0.0))  # those that begin anywhere have the last one
