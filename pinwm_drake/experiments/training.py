@@ -16,7 +16,7 @@ from pinwm_drake.files import occupying, prepare_folder
 from pinwm_drake.learning.distil import DistilOptions
 from pinwm_drake.learning.export import check_exportable
 from pinwm_drake.learning.method import Method, MethodData
-from pinwm_drake.learning.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac
+from pinwm_drake.learning.pin_wm import STAGES, Distillation, ImagePpo, StatePpo, StateSac, read_teacher
 from pinwm_drake.learning.policy import Policy, write_policy
 from pinwm_drake.learning.ppo import PpoOptions
 from pinwm_drake.learning.progress import Report, silent
@@ -73,7 +73,10 @@ def train(
             torch.set_num_threads(request.threads)
         begun, worlds = time.monotonic(), worlds_of(request, domains)
         if request.method != "state" and not request.resume:
-            check_exportable(worlds.spec("rgb"))
+            spec = worlds.spec("rgb")
+            if request.teacher is not None:
+                read_teacher(request.teacher, spec.history)
+            check_exportable(spec)
         if _searches(request, worlds.setup.task):
             folder = prepare_folder(out / WAYPOINTS)
             worlds.waypoints = find_waypoints(

@@ -193,15 +193,32 @@ def _match(points: np.ndarray, samples: np.ndarray) -> np.ndarray:
             [(_sliding(here, centres, size) - wanted).ravel(), _HELD * (here - points).ravel() / size]
         )
 
-    return least_squares(difference, points.ravel(), method="lm").x.reshape(-1, 2)
+    def jacobian(flat: np.ndarray) -> np.ndarray:
+        slopes = _sliding_jacobian(flat.reshape(-1, 2), centres, size)
+        return np.concatenate([slopes, _HELD * np.eye(flat.size) / size])
+
+    return least_squares(difference, points.ravel(), jacobian, method="lm").x.reshape(-1, 2)
 
 
 def _sliding(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray:
     """Mean friction force (2) and torque (1, over `size`) of points (n, 2) that turn about each centre (m, 2)."""
+    unit, distance = _about(points, centres, size)
+    return np.concatenate([unit.mean(axis=1), distance.mean(axis=1) / size], axis=-1)
+
+
+def _sliding_jacobian(points: np.ndarray, centres: np.ndarray, size: float) -> np.ndarray:
+    """Derivatives (3 m, 2 n) of `_sliding` about m centres by the coordinates of n points."""
+    unit, distance = _about(points, centres, size)
+    force = (np.eye(2) - unit[..., :, None] * unit[..., None, :]) / distance[..., None]
+    slopes = np.concatenate([np.moveaxis(force, 1, 2), unit[:, None] / size], axis=1)
+    return np.asarray(slopes.reshape(3 * len(centres), points.size) / len(points))
+
+
+def _about(points: np.ndarray, centres: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (m, n, 2) from centres to points, and distances (m, n, 1) [m], smoothed at the centres."""
     away = points[None] - centres[:, None]
     distance = np.sqrt((away**2).sum(axis=-1, keepdims=True) + (1e-3 * size) ** 2)
-    force = (away / distance).mean(axis=1)
-    return np.concatenate([force, distance.mean(axis=1) / size], axis=-1)
+    return away / distance, distance
 
 
 def _outermost(points: np.ndarray, R_WO: np.ndarray) -> np.ndarray:

@@ -86,6 +86,20 @@ class ImagePpo(_Trained):
         return train_ppo(make_worlds.worlds("rgb_state"), make_worlds.spec("rgb"), self.options, run)
 
 
+def read_teacher(folder: Path, history: int) -> Policy:
+    """Read the policy that teaches a student with a history of this many actions.
+
+    Raises:
+        InputError: It cannot be read, sees images, or has another history.
+    """
+    teacher = read_policy(folder)
+    if teacher.spec.observes != "state":
+        raise InputError(folder, value="a policy of images", allowed="one of the state")
+    if (own := teacher.spec.history) != history:
+        raise InputError(folder, value=f"one with a history of {own}", allowed=f"{history}")
+    return teacher
+
+
 @dataclass(frozen=True)
 class Distillation(_Staged):
     """A teacher that sees the state, which is trained where there is none yet, and a student of images.
@@ -106,11 +120,7 @@ class Distillation(_Staged):
     def _train(self, data: MethodData, make_worlds: MakeWorlds, run: StageRun) -> Policy:
         spec, spent = make_worlds.spec("rgb"), 0.0
         if isinstance(self.teacher, Path):
-            teacher = read_policy(self.teacher)
-            if teacher.spec.observes != "state":
-                raise InputError(self.teacher, value="a policy of images", allowed="one of the state")
-            if (history := teacher.spec.history) != spec.history:
-                raise InputError(self.teacher, value=f"one with a history of {history}", allowed=f"{spec.history}")
+            teacher = read_teacher(self.teacher, spec.history)
         else:
             out, until = run.folder.parent, self.until.within(0.5 * self.until.minutes)
             own = replace(self.teacher, until=until, device=self.device)

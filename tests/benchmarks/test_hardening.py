@@ -178,6 +178,7 @@ def test_leaks_of_a_process_are_seen(tmp_path, monkeypatch):
         file.close()
 
 
+@pytest.mark.nightly
 def test_two_threads_and_libraries_of_another_cpu_agree(tmp_path, monkeypatch):
     variants = {"1 thread": (1, {}), "other": (2, agreement.OLD_LIBRARIES)}
     monkeypatch.setattr(agreement, "VARIANTS", variants)

@@ -21,6 +21,7 @@ def still(lab: ExampleLab, push) -> Rollout:
     return Rollout(np.arange(11) / LOG_RATE, [RigidTransform(lab.X_TO)] * 11, np.tile(push.p_WP, (11, 1)))
 
 
+@pytest.mark.nightly
 def test_the_example_fills_a_lab_as_the_guide_asks_for_it(tmp_path, monkeypatch):
     monkeypatch.setattr(ExampleLab, "roll_out", still)
     example = Example(tmp_path, 0, cad=False, sizes=_SMALL)

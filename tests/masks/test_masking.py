@@ -182,7 +182,7 @@ def write_push(folder, name, X_WO, images=True):
     return labels
 
 
-@pytest.mark.parametrize("with_mesh", [True, False])
+@pytest.mark.parametrize("with_mesh", [True, pytest.param(False, marks=pytest.mark.nightly)])
 def test_pushes_start_where_their_start_yaml_says_and_may_have_no_film(tmp_path, with_mesh):
     write_photos(tmp_path, views=cameras(7), mesh=block())
     X, start = pose(), pose(-0.05, 0.04, 0.1)

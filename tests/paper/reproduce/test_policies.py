@@ -33,6 +33,7 @@ def test_random_pushes_are_recorded_in_the_plant_dreamt_of_and_evaluated(tmp_pat
     assert done["settings"]["subject"]["kind"] == "DreamerCell"
 
 
+@pytest.mark.nightly
 def test_for_the_stand_in_they_are_recorded_in_it(tmp_path: Path):
     plain, stand_in = (TrajectoriesCell("push", 0, 1, 3, stand_in=flag) for flag in (False, True))
     assert plain.key != stand_in.key
