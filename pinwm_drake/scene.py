@@ -8,7 +8,7 @@ same axes. The centre of mass is that of a uniform solid, plus the `center` of `
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -19,7 +19,7 @@ from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import ModelError, StateError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.patch import supporting_points
+from pinwm_drake.geometry.patch import FEW, MANY, supporting_points
 from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, acting_points
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
@@ -31,7 +31,7 @@ from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix, rotate
 
-Support = Literal["corners", "patch"]
+Support = Literal["corners", "patch", "faces"]
 BODY = "object"
 # Columns of `Parameters.friction` and `restitution`, in the order of `Model.pair_names`.
 PAIR_FLOOR, PAIR_PUSHER = 0, 1
@@ -68,7 +68,8 @@ def make_scene(
         floor_height: z of the floor, m.
         time_step: s.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
-            within the face that it rests on, as uniform pressure does; see `geometry/patch.py`.
+            within the face that it rests on, as uniform pressure does; see `geometry/patch.py`. "faces" has a third as
+            many points, which takes less than two thirds of the time: objects land alike, and slide less exactly.
         acts_as: Primitives with which the object touches, frame O, as `stored_pieces.mesh_primitives` finds them; none
             for those of its mesh. Its mass properties stay those of the mesh.
 
@@ -79,13 +80,14 @@ def make_scene(
         InputError: A mesh cannot be used.
         ModelError: An option is out of range.
     """
-    if support not in ("corners", "patch"):
-        raise ModelError(f"support is {support!r}; allowed: 'corners' or 'patch'")
+    if support not in get_args(Support):
+        raise ModelError(f"support is {support!r}; allowed: 'corners', 'patch' or 'faces'")
     mesh = load_mesh(mesh_path)
     properties = mass_properties(mesh, mass=1.0)
     p_OB = properties.p_com
     touching, R_WO = acting_mesh(mesh, acts_as), quaternion_to_matrix(q_WO).numpy()
-    points = supporting_points(touching, R_WO) if support == "patch" else None
+    number = FEW if support == "faces" else MANY
+    points = None if support == "corners" else supporting_points(touching, R_WO, number)
     if points is not None:
         points = acting_points(points, acts_as)
         points[:, :3] -= p_OB

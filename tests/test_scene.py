@@ -48,7 +48,7 @@ def straight(seconds=1.0, stop=0.3, rows=41):
     return PusherTrajectory(t, p, q, np.gradient(p, t, axis=0), None)
 
 
-@pytest.mark.parametrize("support", ["corners", "patch"])
+@pytest.mark.parametrize("support", ["corners", "patch", "faces"])
 def test_a_block_coasts_by_v2_over_2_mu_g(cube, support):
     scene = scene_of(cube, support=support)
     mu = 0.1
@@ -121,7 +121,7 @@ def test_a_time_after_the_motion_is_refused(cube):
 
 
 def test_wrong_options_are_refused(cube):
-    with pytest.raises(ModelError, match="'corners' or 'patch'"):
+    with pytest.raises(ModelError, match="'corners', 'patch' or 'faces'"):
         scene_of(cube, support="edges")
     with pytest.raises(ModelError, match="neither a mesh nor a shape"):
         make_scene(cube, PusherGeometry(None, None), q_WO=LEVEL, gravity=G)
@@ -153,7 +153,7 @@ def test_steps_cover_the_time(seconds, steps):
     assert step_count(seconds, 0.01) == steps
 
 
-@pytest.mark.parametrize("support", ["corners", "patch"])
+@pytest.mark.parametrize("support", ["corners", "patch", "faces"])
 def test_mesh_that_acts_as_a_cylinder_rolls_on_and_its_facets_do_not(tmp_path, support):
     # v = w R stays; a prism loses (m r^2 / (I + m r^2)) (1 - cos(2 pi / n)) of it on each of its edges.
     radius, w = 0.04, 4.0

@@ -21,7 +21,7 @@ from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
 _FLAT, _LEVEL = 2e-4, 0.05
 # Faces smaller than this share of the object's footprint (their square of sides) are corners or rims, not faces.
 _SMALLEST_SHARE = 0.1
-_POINTS = 12
+MANY, FEW = 12, 4
 _SAMPLES, _CLUSTERED = 20000, 4000
 _TRIES = 20
 # Centres of rotation, to each side, about which points and face slide; they cover this many times the face's extent.
@@ -37,17 +37,19 @@ _OUTLINE = 4
 _SAME_SIDE = 1e-3
 
 
-def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) -> np.ndarray | None:
+def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY, *, seed: int = 0) -> np.ndarray | None:
     """Return the points with which a resting object touches the floor, for uniform pressure on its face.
 
-    Twelve points: the middles of nearly equal areas, moved until the friction force and torque of sliding about each
-    of many centres of rotation are those of the area, as nearly as twelve points can. They stand out by `PROTRUSION`.
+    They begin in the middles of nearly equal areas, and are moved until the friction force and torque of sliding about
+    each of many centres of rotation are those of the area, as nearly as so many points can. They stand out by
+    `PROTRUSION`.
     The convex hull's other corners follow, and of the face's outline the points that are outermost along four
     directions, on which the object tips.
 
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up.
+        number: Points within the face.
         seed: Seed of the sampling of the face.
 
     Returns:
@@ -67,7 +69,7 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
     face = trimesh.Trimesh(mesh.vertices, mesh.faces[flat], process=False)
     samples = np.asarray(trimesh.sample.sample_surface(face, _SAMPLES, seed=seed)[0])
     level = samples @ R_WO[:2].T
-    points = _match(_even_points(level[:_CLUSTERED], np.random.default_rng(seed)), level) @ R_WO[:2]
+    points = _match(_even_points(level[:_CLUSTERED], number, np.random.default_rng(seed)), level) @ R_WO[:2]
     points -= np.outer(points @ up_O - lowest + PROTRUSION, up_O)
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
     low = corners @ up_O < lowest + _CHAMFER
@@ -75,7 +77,7 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, *, seed: int = 0) ->
     return np.concatenate([points, outline[_outermost(outline, R_WO)], corners[~low]])
 
 
-def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
+def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY) -> np.ndarray | None:
     """Return the points with which an object touches the floor, whichever of its flat faces comes to lie on it.
 
     Each face over which the centre of mass stands has the points of `resting_points`, which count while it is nearly
@@ -85,13 +87,14 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up. The face below comes first.
+        number: Points of a face: `FEW` land as a face does, and slide less exactly.
 
     Returns:
         (n, 7): point [m, frame O], when it counts (`pieces.ANYHOW`, UNLESS_FLAT or IF_FLAT), and outward normal of its
         face, zeros for ANYHOW; None where the object does not rest on a flat face.
     """
     R_WO = _without_yaw(R_WO)
-    if face_points(mesh, R_WO) is None:
+    if face_points(mesh, R_WO, number) is None:
         return None
     corners = np.asarray(trimesh.convex.convex_hull(mesh.vertices).vertices)
     when, normals = np.full(len(corners), ANYHOW), np.zeros((len(corners), 3))
@@ -99,7 +102,7 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
     rows = []
     others = [normal for normal in resting_normals(mesh) if np.linalg.norm(normal + R_WO[2]) > _SAME_SIDE]
     for R in [np.asarray(R_WO, float), *(turned_down(normal) for normal in others)]:
-        own = face_points(mesh, R)
+        own = face_points(mesh, R, number)
         if own is None:
             continue
         rows.append(np.column_stack([own, np.full(len(own), IF_FLAT), np.tile(-R[2], (len(own), 1))]))
@@ -110,17 +113,18 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | N
     return np.concatenate([*rows, np.column_stack([corners, when, normals])])
 
 
-def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray) -> np.ndarray | None:
+def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY) -> np.ndarray | None:
     """Return the points of `resting_points` that are within the face below: they carry the object.
 
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up.
+        number: How many.
 
     Returns:
-        (12, 3), m, frame O, standing out by `PROTRUSION`; None where the object does not rest on a flat face.
+        (number, 3), m, frame O, standing out by `PROTRUSION`; None where the object does not rest on a flat face.
     """
-    found = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), _without_yaw(R_WO).tobytes())
+    found = _face_points(mesh.vertices.tobytes(), mesh.faces.tobytes(), _without_yaw(R_WO).tobytes(), number)
     return None if found is None else found.copy()
 
 
@@ -134,13 +138,13 @@ def _without_yaw(R_WO: np.ndarray) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=256)
-def _face_points(vertices: bytes, faces: bytes, rotation: bytes) -> np.ndarray | None:
+def _face_points(vertices: bytes, faces: bytes, rotation: bytes, number: int) -> np.ndarray | None:
     """`face_points` of a mesh in memory: those of one mesh are asked for again and again."""
     mesh = trimesh.Trimesh(
         np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3), process=False
     )
     R_WO = np.frombuffer(rotation).reshape(3, 3)
-    points = resting_points(mesh, R_WO)
+    points = resting_points(mesh, R_WO, number)
     if points is None:
         return None
     return points[points @ R_WO[2] < float((mesh.vertices @ R_WO[2]).min()) - 0.5 * PROTRUSION]
@@ -167,12 +171,12 @@ def turned_down(normal: np.ndarray) -> np.ndarray:
     return np.array([across, np.cross(-normal, across), -normal])
 
 
-def _even_points(samples: np.ndarray, generator: np.random.Generator) -> np.ndarray:
-    """Return the middles (k, 2) of the clusters of samples (n, 2), of the try whose clusters are most equal in size."""
+def _even_points(samples: np.ndarray, number: int, generator: np.random.Generator) -> np.ndarray:
+    """Return the middles (number, 2) of clusters of samples (n, 2), of the try whose sizes are most equal."""
     best, spread = samples, np.inf
     for _ in range(_TRIES):
-        points, owner = kmeans2(samples, _POINTS, minit="++", rng=generator)
-        found = float(np.bincount(owner, minlength=_POINTS).std())
+        points, owner = kmeans2(samples, number, minit="++", rng=generator)
+        found = float(np.bincount(owner, minlength=number).std())
         if found < spread:
             best, spread = points, found
     return best

@@ -43,7 +43,7 @@ class _Pusher(PusherDocument):
 
 class _Physics(Document):
     time_step: float = in_words(f"above 0, up to {_LONGEST_STEP:g} s", gt=0.0, le=_LONGEST_STEP)
-    support: Support = in_words("corners or patch")
+    support: Support = in_words("corners, patch or faces")
 
 
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}

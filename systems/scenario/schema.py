@@ -166,14 +166,15 @@ class Physics(_Checked):
 
     Attributes:
         time_step: s, one step of the physics.
-        support: Points that carry the object: the "corners" of its mesh, or a "patch" of its face.
+        support: Points that carry the object: the "corners" of its mesh, those of a "patch" of its face, or four of
+            each of its "faces", with which it lands alike.
         facets: Whether the object touches as its mesh, also where that is nearly round; null for what the twin folder
             says, or false.
         steps_per_update: Number of steps of the physics in one update of the diagram's state.
     """
 
     time_step: Annotated[float | None, _quantity(1e-5, 0.1, "s")] = None
-    support: Literal["corners", "patch"] | None = None
+    support: Literal["corners", "patch", "faces"] | None = None
     facets: bool | None = None
     steps_per_update: Annotated[int, _count(1, 1000)] = 1
 

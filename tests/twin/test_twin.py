@@ -147,7 +147,7 @@ def test_a_twin_that_makes_no_sense_is_not_written(tmp_path):
         ("gravity", "9.8 m/s2", "gravity = .*; allowed: a finite number"),
         ("floor.height", math.inf, "floor.height = Infinity; allowed: a finite number"),
         ("physics.time_step", -0.1, "physics.time_step = -0.1"),
-        ("physics.support", "feet", 'physics.support = "feet"; allowed: corners or patch'),
+        ("physics.support", "feet", 'physics.support = "feet"; allowed: corners, patch or faces'),
         ("physics.solver", "fast", 'an unknown key "solver" under physics'),
         ("colour", "red", 'an unknown key "colour"'),
         ("theta", [1, 2], "theta = .*; allowed: a mapping"),

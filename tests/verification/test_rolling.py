@@ -6,7 +6,9 @@ import math
 import numpy as np
 import pytest
 import torch
+import trimesh
 
+from pinwm_drake.geometry.patch import FEW, MANY, supporting_points
 from pinwm_drake.geometry.shapes import box, convex_hull, cylinder, sphere
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.state import State
@@ -226,3 +228,45 @@ def test_a_long_step_in_which_a_block_falls_over_an_edge_is_taken_in_shorter_one
     assert float(end.V_WB[-1, 0, 0, 1]) == pytest.approx(speed, abs=2e-3)
     there = far * torch.tensor([math.sin(angle), 0.0, math.cos(angle)], dtype=torch.float64)
     np.testing.assert_allclose(end.p_WB[-1, 0, 0].numpy(), there.numpy(), atol=2e-5)  # the edge has not moved
+
+
+@pytest.mark.parametrize("friction", [0.2, 3.0])
+def test_a_block_keeps_the_more_of_its_turn_the_further_in_its_face_lands(friction):
+    # About one lower edge at +a the block turns with w, and lands at -b: the impulse (J_t, J_n) per mass there stops
+    # the point, or it slides with J_t = mu J_n. With its moment of inertia k per mass and the height h of its middle:
+    a, h, k, w = 0.02, 0.04, (0.04**2 + 0.08**2) / 12, 8.0
+
+    def kept(b):
+        across = (k + h * h - a * b) / (k + h * h + b * b)  # without sliding, by Housner's argument
+        if h * (1.0 - across) <= friction * (a + b * across):
+            return across
+        lever = b - friction * h
+        return (k - lever * a) / (k + lever * b)
+
+    size = (2 * a, 0.12, 2 * h)
+    inertia = np.diag([(0.12**2 + 4 * h * h) / 12, k, (0.12**2 + 4 * a * a) / 12])
+    found = {}
+    for name, number in (("corners", None), ("faces", FEW), ("patch", MANY)):
+        points = None if number is None else supporting_points(trimesh.creation.box(size), np.eye(3), number)
+        model = Model(bodies=[Body("block", [box(size)], 1.0, inertia, points)], time_step=1 / 960)
+        tilt = torch.linspace(0.03, 0.05, 4, dtype=torch.float64)
+        q = torch.stack([(tilt / 2).cos(), 0 * tilt, (tilt / 2).sin(), 0 * tilt], -1)[:, None]
+        x, z = h * tilt.sin() - a * tilt.cos(), a * tilt.sin() + h * tilt.cos()  # the edge at +a is at the origin
+        V = torch.zeros(4, 1, 6, dtype=torch.float64)
+        V[:, 0, 1], V[:, 0, 3], V[:, 0, 5] = -w, -w * z, w * x
+        p = torch.stack([x, 0 * x, z], -1)[:, None]
+        state = State.at_rest(model, 4, q_WB=q, p_WB=p, V_WB=V)
+        frames = run(Stepper(model), nominal(model, friction_floor=friction, num_worlds=4), state, 0.02)
+        turn, angle = -frames.V_WB[:, :, 0, 1], 2 * torch.atan2(frames.q_WB[:, :, 0, 2], frames.q_WB[:, :, 0, 0])
+        ratios = []
+        for world in range(4):
+            landed = int((angle[:, world] < -1e-3).int().argmax())
+            # Gravity slows the block about the edge on which it has landed.
+            back = 9.81 * a / (k + a * a + h * h) / 960
+            ratios.append((float(turn[landed + 2, world]) + 2 * back) / float(turn[: landed + 1, world].max()))
+        found[name] = np.mean(ratios)
+    middle = a / math.sqrt(3.0)  # of an even pressure's points
+    assert found["corners"] == pytest.approx(kept(a), abs=0.04)
+    for name in ("faces", "patch"):
+        assert found[name] == pytest.approx(kept(middle), abs=0.1)
+        assert found[name] > found["corners"] + 0.1
