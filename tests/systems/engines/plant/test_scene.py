@@ -261,8 +261,8 @@ def test_a_block_that_lands_on_a_face_keeps_more_of_its_turn_than_on_an_edge(con
     a, h, w, tilt, step = 0.02, 0.04, 8.0, 0.03, 1 / 3840
     path = tmp_path / "block.obj"
     trimesh.creation.box((2 * a, 0.12, 2 * h)).export(path)
-    moments = np.array([0.12**2 + 4 * h * h, 4 * a * a + 4 * h * h, 4 * a * a + 0.12**2]) / 12
-    cube = setup_of("cube", 0.2).twin.with_theta(**dict(zip(("inertia_xx", "inertia_yy", "inertia_zz"), moments)))
+    x, y, z = (side**2 / 12 for side in (2 * a, 0.12, 2 * h))
+    cube = setup_of("cube", 0.2).twin.with_theta(inertia_xx=y + z, inertia_yy=x + z, inertia_zz=x + y)
     twin = replace(cube, mesh_path=path, acts_as=mesh_primitives(path))
     scene = bench_of(make_setup(Scenario(), twin=twin), contact, step)
     # It turns about the lower edge at +a, which is at the origin.
