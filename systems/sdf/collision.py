@@ -13,7 +13,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import mass_properties
 from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
-from pinwm_drake.geometry.pieces import CYLINDER, HULL, ConvexPiece, touching_pieces
+from pinwm_drake.geometry.pieces import CYLINDER, HULL, RIM_CORNERS, ConvexPiece, touching_pieces
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, face_levels, fit
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
@@ -160,9 +160,9 @@ def _many_sides(piece: ConvexPiece) -> trimesh.Trimesh:
     return trimesh.convex.convex_hull((piece.vertices[:, None] + ball).reshape(-1, 3))
 
 
-def _rims(cylinder: ConvexPiece) -> np.ndarray:
-    """Points (2 SECTIONS, 3) m evenly on the rims of a cylinder."""
-    R, angles = turned_down(cylinder.vertices[0] - cylinder.vertices[1]), 2.0 * np.pi * np.arange(SECTIONS) / SECTIONS
+def _rims(cylinder: ConvexPiece, number: int = SECTIONS) -> np.ndarray:
+    """Points (2 number, 3) m evenly on the rims of a cylinder."""
+    R, angles = turned_down(cylinder.vertices[0] - cylinder.vertices[1]), 2.0 * np.pi * np.arange(number) / number
     across = R[:2] / np.linalg.norm(R[:2], axis=1, keepdims=True)
     circle = cylinder.radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ across
     return np.concatenate([end + circle for end in cylinder.vertices])
@@ -332,7 +332,7 @@ def support_spheres(
 
     On each flat side that it can rest on they are where `spread_points` puts the pressure, and stand out by their
     radius; the corners of the convex hull have smaller ones, on which it tips, rolls and falls. Spheres
-    and capsules have spheres of their own; the rims of cylinders are `support_discs`.
+    and capsules have spheres of their own; the rims of cylinders have one at each corner, and `support_discs`.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -359,9 +359,26 @@ def support_spheres(
             continue
         corners = corners[np.abs(primitive.depth(corners)) > 2.0 * primitive.tolerance]
         piece = primitive.piece()
-        if piece.kind != CYLINDER:
+        if piece.kind == CYLINDER:
+            spheres += _rim_spheres(piece)
+        else:
             spheres += [(end, piece.radius) for end in piece.vertices]
     return spheres + [(corner, CORNER_RADIUS) for corner in corners]
+
+
+def _rim_spheres(cylinder: ConvexPiece) -> list[tuple[np.ndarray, float]]:
+    """Spheres at the corners of a cylinder's rims, on which it comes to rest as the polygon of the twin does.
+
+    On a disc alone a tilted cylinder rolls about its rim without loss. They stand out of the ends by less than half as
+    much as the spheres of a face, and are within the round side: where the axis tilts by 4 degrees or more, the disc
+    touches.
+    """
+    inner = replace(cylinder, radius=cylinder.radius - SUPPORT_RADIUS)
+    out = 3.0 * CORNER_RADIUS  # of their middles
+    along = cylinder.vertices[1] - cylinder.vertices[0]
+    along /= np.linalg.norm(along)
+    rims = _rims(inner, RIM_CORNERS).reshape(2, RIM_CORNERS, 3)
+    return [(point + out * away, CORNER_RADIUS) for away, rim in ((-along, rims[0]), (along, rims[1])) for point in rim]
 
 
 def support_discs(primitives: Sequence[Primitive]) -> list[ConvexPiece]:

@@ -275,3 +275,18 @@ def test_a_block_that_lands_on_a_face_keeps_more_of_its_turn_than_on_an_edge(con
     landing = int(np.argmax(turns))
     # Housner's impact at the other edge leaves 0.47, one in the middle of the far half of the face 0.84.
     assert 0.6 < turns[landing + 8] / turns[landing] < 0.84
+
+
+def test_a_mug_that_turns_on_its_rim_comes_to_rest_in_point_contact_too():
+    # On discs alone |ω| is 4.9 and 3.1 rad/s, and a mug may go on for more than 3 s.
+    scene = bench("mug", 0.2, contact="point", time_step=1 / 1920)
+    height, _, _ = base_of("mug")
+    tilt = 0.05
+    p = [0, 0, height * np.cos(tilt) + 0.04 * np.sin(tilt) + 1e-5]
+    simulator = scene.start(RigidTransform(RotationMatrix.MakeXRotation(tilt), p), [0, 0, 8.0, 0, 0, 0])
+    turns = []
+    for t in (0.3, 0.6):
+        simulator.AdvanceTo(t)
+        turns.append(np.linalg.norm(scene.velocity(simulator)[:3]))
+    assert turns[0] < 3.0
+    assert turns[1] < 0.5
