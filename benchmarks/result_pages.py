@@ -9,6 +9,7 @@ docs/results/reproduce. The tables in docs/results/tables.md are those of `pinwm
 
 import json
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -130,10 +131,10 @@ def review() -> str:
     return table("task | condition | success | 95 % interval (Wilson) | episodes", rows)
 
 
-def elsewhere() -> str:
-    """Table of a teacher of flips, and of its student that ships, in engines without part in their training."""
+def elsewhere(file: str = "flip_elsewhere.json") -> str:
+    """Table of policies of flips in engines without part in their training."""
     words, rows = {engine: name for name, engine in _ENGINES.items()}, []
-    for row in read("flip_elsewhere.json")["results"]:
+    for row in read(file)["results"]:
         floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)
         late, success = f"{1e3 * row['latency']:.0f} ms", percent(row["successes"] / row["episodes"])
         told = success, *_counted(row["successes"], row["episodes"]), f"{row['actions']:.1f}"
@@ -433,6 +434,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "real.md", "others", others),
     (RESULTS / "robustness.md", "review", review),
     (RESULTS / "robustness.md", "elsewhere", elsewhere),
+    (RESULTS / "robustness.md", "new_objects", partial(elsewhere, "new_objects.json")),
     (RESULTS / "robustness.md", "late_camera", late_camera),
     (RESULTS / "robustness.md", "stand_in", stand_in),
     (RESULTS / "robustness.md", "stopping", stopping),
