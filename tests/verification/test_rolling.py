@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.integrate import solve_ivp
 
 from pinwm_drake.geometry.patch import FEW, MANY, supporting_points
 from pinwm_drake.geometry.shapes import box, convex_hull, cylinder, sphere
@@ -27,14 +28,24 @@ def rimless_wheel(sides, speed):
     """
     d, about_edge = 2 * math.pi / sides, INERTIA + RADIUS**2
     kept, pull = (INERTIA + RADIUS**2 * math.cos(d)) / about_edge, G * RADIUS / about_edge
-    angle, step = -d / 2, 1e-5
-    for _ in range(round(SECONDS / step)):
-        middle = speed + 0.5 * step * pull * math.sin(angle)
-        angle += step * middle
-        speed = middle + 0.5 * step * pull * math.sin(angle)
-        if abs(angle) >= d / 2:
-            angle, speed = angle - math.copysign(d, angle), kept * speed
-    return speed
+
+    def ahead(_, y):
+        return y[0] - d / 2
+
+    def behind(_, y):
+        return y[0] + d / 2
+
+    ahead.terminal, ahead.direction, behind.terminal, behind.direction = True, 1, True, -1
+    t, state = 0.0, [-d / 2, speed]
+    while True:
+        arc = solve_ivp(
+            lambda _, y: (y[1], pull * math.sin(y[0])),
+            (t, SECONDS), state, "DOP853", events=(ahead, behind), rtol=1e-11, atol=1e-12,
+        )  # fmt: skip
+        t, (angle, turn) = arc.t[-1], arc.y[:, -1]
+        if arc.status == 0:
+            return turn
+        state = [-math.copysign(d / 2, angle), kept * turn]
 
 
 def wheel(sides, rate=RATE):
@@ -67,11 +78,14 @@ def rolled(sides, speeds, heading):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.7])
-@pytest.mark.parametrize(("sides", "speeds"), [(64, (2.0, 4.0, 6.0, 8.0)), (16, (4.0, 6.0, 8.0)), (8, (6.0, 8.0))])
-def test_a_rimless_wheel_rolls_as_its_closed_form(sides, speeds, heading):
+@pytest.mark.parametrize(
+    ("sides", "speeds", "off"),
+    [(64, (2.0, 4.0, 6.0, 8.0), 4e-4), (16, (2.75, 4.0, 6.0, 8.0), 3e-3), (8, (6.25, 7.0, 8.0), 4e-3)],
+)
+def test_a_rimless_wheel_rolls_as_its_closed_form(sides, speeds, off, heading):
     # Slower ones come nearly to rest over an edge, where a thousandth of the speed decides which way they fall.
     expected = np.array([rimless_wheel(sides, speed) for speed in speeds])
-    np.testing.assert_allclose(rolled(sides, speeds, heading), expected, rtol=6e-3)
+    np.testing.assert_allclose(rolled(sides, speeds, heading), expected, rtol=off)
 
 
 def test_the_speed_of_a_wheel_depends_on_its_first_one_as_the_closed_form_has_it():
