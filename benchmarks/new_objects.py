@@ -88,12 +88,11 @@ def make_twin(name: str, item: NewObject, folder: Path) -> Twin:
 
 
 def scenario(name: str, item: NewObject) -> dict[str, Any]:
-    """The scenario of `flip_mug` with another object and pose; it lands on points within its faces."""
+    """The scenario of `flip_mug` with another object and pose."""
     document: dict[str, Any] = yaml.safe_load(_SCENE.read_text(encoding="utf-8"))
     del document["object"], document["theta"]
     start = document["start"]
     start |= {"q_WO": list(item.q_WO), "rolls": item.rolls, "roll_axis": list(item.roll_axis)}
-    document["physics"]["support"] = "faces"
     return document | {
         "name": f"flip_{name}",
         "twin": name,
