@@ -52,11 +52,13 @@ class Command:
         arguments: Arguments of `pinwm`; OUT stands for the folder of results.
         resume: Arguments that let it go on.
         prepare: Writes into a new folder of results what the run begins with.
+        keeps: Flag: a run refuses to write over results, also over those that a killed run has finished.
     """
 
     arguments: tuple[str, ...]
     resume: tuple[str, ...] = ("--resume",)
     prepare: Callable[[Path], None] = lambda out: None
+    keeps: bool = False
 
 
 def commands(inputs: Path) -> dict[str, Command]:
@@ -98,6 +100,7 @@ def commands(inputs: Path) -> dict[str, Command]:
         "simulate": Command(
             ("simulate", str(scene), "--engine", "twin", "-o", "OUT/episode", "--duration", "1", "--seed", "3"),
             resume=(),
+            keeps=True,
         ),
     }
 
@@ -223,9 +226,10 @@ def try_once(name: str, command: Command, out: Path, seconds: float, rng: Genera
         kills += 1
     wrong = ""
     left = leftovers(folder, temporary)
-    if code != 0:
+    differing = differences(contents(folder), json.loads((out / f"{name}.json").read_text())["contents"])
+    if code != 0 and (differing or not command.keeps):
         wrong = f"exit code {code}: {' '.join(log.read_text(errors='replace').split())[-300:]}"
-    elif differing := differences(contents(folder), json.loads((out / f"{name}.json").read_text())["contents"]):
+    elif differing:
         wrong = f"other results: {', '.join(differing)}"[:300]
     elif left:
         wrong = f"left over: {', '.join(left)}"[:300]
