@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,10 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
             wanted[name] = ("i", ())
         elif field == "corrections":
             wanted[name] = ("f", (None,) * array.ndim)
+    for phase in {name.rpartition(".")[0] for name in arrays if name.startswith("now.")}:
+        for one in fields(AdamState):
+            if f"{phase}.{one.name}" not in arrays:
+                raise InputError(path, value=f"no array {phase}.{one.name}", allowed="a checkpoint of `identify`")
     check_arrays(path, arrays, wanted, "identify")
     for name, array in arrays.items():
         if name.rpartition(".")[2] in ("loss", "best_loss", "objective", "scale") and array.dtype.kind != "f":

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.checkpoints import read_arrays, write_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays, write_arrays
 
 WAYPOINTS_FILE = "waypoints.npz"
 _WORK = "waypoints"
@@ -63,8 +63,21 @@ class Waypoints:
         """Waypoints in a folder; none where it has no file of them.
 
         Raises:
-            InputError: The file cannot be read.
+            InputError: The file cannot be read, or holds other arrays.
+        """
+        path = folder / WAYPOINTS_FILE
+        arrays = read_arrays(path, {}, _WORK, [one.name for one in fields(cls)])
+        return cls() if arrays is None else cls.of_arrays(path, arrays)
+
+    @classmethod
+    def of_arrays(cls, path: Path, arrays: Mapping[str, np.ndarray]) -> "Waypoints":
+        """Waypoints from the arrays of a file.
+
+        Raises:
+            InputError: An array is missing, of another kind or shape, or holds a number that is not finite.
         """
         names = [one.name for one in fields(cls)]
-        arrays = read_arrays(folder / WAYPOINTS_FILE, {}, _WORK, names)
-        return cls() if arrays is None else cls(*(arrays[name] for name in names))
+        n, k, m = len(np.atleast_1d(arrays["p_WP"])), arrays["action"].shape[-1:], arrays["past"].shape[1:2]
+        shapes = {"object_state": (n, 13), "p_WP": (n, 3), "action": (n, *k), "past": (n, *m, *k)}
+        check_arrays(path, arrays, {name: ("f", shape) for name, shape in shapes.items()}, _WORK)
+        return cls(*(arrays[name] for name in names))

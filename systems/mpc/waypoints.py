@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pinwm_drake.checkpoints import read_arrays
+from pinwm_drake.checkpoints import check_arrays, read_arrays
 from pinwm_drake.errors import require
 from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
@@ -180,11 +180,15 @@ class _Search:
         return counts | {"mean": self._mean, "deviation": self._deviation}
 
     def restore(self, folder: Path, about: Mapping[str, object]) -> None:
+        path, own = folder / WAYPOINTS_FILE, self.get_state()
         names = [one.name for one in fields(Waypoints)]
-        arrays = read_arrays(folder / WAYPOINTS_FILE, about, STAGE, ["share", "actions", *self.get_state(), *names])
+        arrays = read_arrays(path, about, STAGE, ["share", "actions", *own, *names])
         if arrays is None:
             return
-        found = Waypoints(*(arrays[name] for name in names))
+        wanted = own | {"share": np.array(0.0), "actions": self._mean}
+        shapes = {name: ("iu" if array.dtype.kind == "i" else "f", array.shape) for name, array in wanted.items()}
+        check_arrays(path, arrays, shapes, STAGE)
+        found = Waypoints.of_arrays(path, arrays)
         self.best = _Plan(found, float(arrays["share"]), arrays["actions"])
         self.done_steps, self._plans = int(arrays["steps"]), arrays["plans"]
         self._mean, self._deviation = arrays["mean"], arrays["deviation"]
