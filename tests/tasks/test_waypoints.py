@@ -31,7 +31,7 @@ def test_waypoints_come_back(tmp_path):
         ("p_WP", np.zeros((4, 2)), r"p_WP of float64 \(4, 2\)"),
         ("action", np.zeros(4), r"action of float64 \(4,\)"),
         ("past", np.zeros((4, 2)), r"past of float64 \(4, 2\)"),
-        ("past", np.zeros((4, 2, 3), int), "past of int64"),
+        ("past", np.zeros((4, 2, 3), int), r"past of int64 \(4, 2, 3\)"),
     ],
 )
 def test_other_arrays_are_refused(tmp_path, name, array, words):
