@@ -101,6 +101,8 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
             wanted[name] = ("f", (size,) if array.ndim == 1 else (W, size))
         elif field == "iteration" and name != "log.iteration":
             wanted[name] = ("i", ())
+        elif field == "scale" and name.startswith("now."):
+            wanted[name] = ("f", ())
         elif field == "corrections":
             wanted[name] = ("f", (None,) * array.ndim)
     for phase in {name.rpartition(".")[0] for name in arrays if name.startswith("now.")}:

@@ -78,6 +78,7 @@ class Waypoints:
         """
         names = [one.name for one in fields(cls)]
         n, k, m = len(np.atleast_1d(arrays["p_WP"])), arrays["action"].shape[-1:], arrays["past"].shape[1:2]
-        shapes = {"object_state": (n, 13), "p_WP": (n, 3), "action": (n, *k), "past": (n, *m, *k)}
+        rows = n if arrays["past"].size else None  # without a past there may be no rows of it
+        shapes = {"object_state": (n, 13), "p_WP": (n, 3), "action": (n, *k), "past": (rows, *m, *k)}
         check_arrays(path, arrays, {name: ("f", shape) for name, shape in shapes.items()}, _WORK)
         return cls(*(arrays[name] for name in names))

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
 from dataclasses import fields
 
+import numpy as np
 import pytest
 import torch
 
@@ -21,6 +22,15 @@ def test_a_phase_goes_on_where_it_was_interrupted(tmp_path):
     for one in fields(AdamState):
         assert torch.equal(torch.as_tensor(getattr(found, one.name)), torch.as_tensor(getattr(state, one.name)))
     assert opened(tmp_path).load_adam("refine") is None
+
+
+def test_a_scale_of_several_numbers_is_refused(tmp_path):
+    checkpoint = opened(tmp_path, resume=False)
+    checkpoint.save_adam("screen", AdamState.at(torch.ones(2, 3, dtype=torch.float64)))
+    arrays, _ = load_arrays(checkpoint.path, "a checkpoint")
+    write_arrays(checkpoint.path, {}, arrays | {"now.screen.scale": np.zeros(7)})
+    with pytest.raises(InputError, match=r"now\.screen\.scale of float64 \(7,\)"):
+        opened(tmp_path)
 
 
 @pytest.mark.parametrize("name", [one.name for one in fields(AdamState)])

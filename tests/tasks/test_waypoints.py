@@ -18,7 +18,7 @@ def some(**changes):
 
 def test_waypoints_come_back(tmp_path):
     assert len(Waypoints.read(tmp_path)) == 0
-    for waypoints in (Waypoints(), some()):
+    for waypoints in (Waypoints(), some(), some(past=np.zeros((4, 0, 3))), some(past=np.zeros((0, 0, 3)))):
         waypoints.write(tmp_path, {})
         assert Waypoints.read(tmp_path).digest() == waypoints.digest()
 
