@@ -19,7 +19,7 @@ from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import ModelError, StateError
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
-from pinwm_drake.geometry.patch import FEW, MANY, supporting_points
+from pinwm_drake.geometry.patch import FACES_POINTS, PATCH_POINTS, supporting_points
 from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, acting_points
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
@@ -86,8 +86,8 @@ def make_scene(
     properties = mass_properties(mesh, mass=1.0)
     p_OB = properties.p_com
     touching, R_WO = acting_mesh(mesh, acts_as), quaternion_to_matrix(q_WO).numpy()
-    number = FEW if support == "faces" else MANY
-    points = None if support == "corners" else supporting_points(touching, R_WO, number)
+    number = {"corners": None, "patch": PATCH_POINTS, "faces": FACES_POINTS}[support]
+    points = None if number is None else supporting_points(touching, R_WO, number)
     if points is not None:
         points = acting_points(points, acts_as)
         points[:, :3] -= p_OB

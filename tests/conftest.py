@@ -71,7 +71,7 @@ def read_operators_once() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def shipped_codecs() -> Iterator[tuple[str, ...]]:
-    """Codecs of films that users get; tests write the one that takes a tenth of the time."""
+    """Codecs of films as the package has them; tests write the last one, which takes a fortieth of the time."""
     from pinwm_drake.report import video
 
     shipped = video._CODECS

@@ -21,7 +21,8 @@ from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
 _FLAT, _LEVEL = 2e-4, 0.05
 # Faces smaller than this share of the object's footprint (their square of sides) are corners or rims, not faces.
 _SMALLEST_SHARE = 0.1
-MANY, FEW = 12, 4
+# Of a face with `support: patch`, and of one with `support: faces`.
+PATCH_POINTS, FACES_POINTS = 12, 4
 _SAMPLES, _CLUSTERED = 20000, 4000
 _TRIES = 20
 # Centres of rotation, to each side, about which points and face slide; they cover this many times the face's extent.
@@ -37,14 +38,15 @@ _OUTLINE = 4
 _SAME_SIDE = 1e-3
 
 
-def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY, *, seed: int = 0) -> np.ndarray | None:
+def resting_points(
+    mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = PATCH_POINTS, *, seed: int = 0
+) -> np.ndarray | None:
     """Return the points with which a resting object touches the floor, for uniform pressure on its face.
 
-    They begin in the middles of nearly equal areas, and are moved until the friction force and torque of sliding about
-    each of many centres of rotation are those of the area, as nearly as so many points can. They stand out by
-    `PROTRUSION`.
-    The convex hull's other corners follow, and of the face's outline the points that are outermost along four
-    directions, on which the object tips.
+    The points within the face begin in the middles of nearly equal areas. They are moved until the friction force and
+    torque of sliding about each of many centres of rotation are those of the area, as nearly as so many points can.
+    They stand out by `PROTRUSION`. The convex hull's other corners follow, and of the face's outline the points that
+    are outermost along four directions, on which the object tips.
 
     Args:
         mesh: Watertight, m, frame O.
@@ -77,7 +79,7 @@ def resting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY, 
     return np.concatenate([points, outline[_outermost(outline, R_WO)], corners[~low]])
 
 
-def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY) -> np.ndarray | None:
+def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = PATCH_POINTS) -> np.ndarray | None:
     """Return the points with which an object touches the floor, whichever of its flat faces comes to lie on it.
 
     Each face over which the centre of mass stands has the points of `resting_points`, which count while it is nearly
@@ -87,7 +89,7 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MAN
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up. The face below comes first.
-        number: Points of a face: `FEW` land as a face does, and slide less exactly.
+        number: Number of the points within a face.
 
     Returns:
         (n, 7): point [m, frame O], when it counts (`pieces.ANYHOW`, UNLESS_FLAT or IF_FLAT), and outward normal of its
@@ -113,13 +115,13 @@ def supporting_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MAN
     return np.concatenate([*rows, np.column_stack([corners, when, normals])])
 
 
-def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = MANY) -> np.ndarray | None:
+def face_points(mesh: trimesh.Trimesh, R_WO: np.ndarray, number: int = PATCH_POINTS) -> np.ndarray | None:
     """Return the points of `resting_points` that are within the face below: they carry the object.
 
     Args:
         mesh: Watertight, m, frame O.
         R_WO: (3, 3), orientation at rest; z of W is up.
-        number: How many.
+        number: Number of the points.
 
     Returns:
         (number, 3), m, frame O, standing out by `PROTRUSION`; None where the object does not rest on a flat face.

@@ -73,8 +73,12 @@ class Waypoints:
     def of_arrays(cls, path: Path, arrays: Mapping[str, np.ndarray]) -> "Waypoints":
         """Waypoints from the arrays of a file.
 
+        Args:
+            path: The file, for messages.
+            arrays: An array for each attribute, as `read_arrays` makes sure of it; others are left alone.
+
         Raises:
-            InputError: An array is missing, of another kind or shape, or holds a number that is not finite.
+            InputError: An array is of another kind or shape, or holds a number that is not finite.
         """
         names = [one.name for one in fields(cls)]
         n, k, m = len(np.atleast_1d(arrays["p_WP"])), arrays["action"].shape[-1:], arrays["past"].shape[1:2]

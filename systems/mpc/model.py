@@ -11,7 +11,7 @@ from pydrake.math import RotationMatrix
 
 from pinwm_drake.capture.pusher import upright_shape
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.geometry.patch import resting_points
+from pinwm_drake.geometry.patch import PATCH_POINTS, resting_points
 from pinwm_drake.systems.mpc.outline import Outline, slice_outline
 from pinwm_drake.systems.scenario.setup import Setup
 from pinwm_drake.systems.sdf.twin import twin_solid
@@ -19,7 +19,6 @@ from pinwm_drake.tasks.push import turn_from
 
 SUB_STEPS = 6  # steps of the model in an action
 _COAST_STEPS = 8
-_FACE_POINTS = 12  # first points of `resting_points`, which carry the object
 _SPEED = 2e-3  # m/s, over which contact and slip are rounded off
 _SLOW = 1e-3  # m/s, likewise where the object comes to rest
 
@@ -89,7 +88,7 @@ def planar_body(setup: Setup) -> PlanarBody:
     p_OB = R_WO @ solid.p_OB
     height = start.pusher_height - twin.floor_height + float(lying.bounds[0, 2])
     outline = slice_outline(lying, height)
-    face = (outline.corners if points is None else points[:_FACE_POINTS] @ R_WO[:2].T) - p_OB[:2]
+    face = (outline.corners if points is None else points[:PATCH_POINTS] @ R_WO[:2].T) - p_OB[:2]
     inertia = float(R_WO[2] @ solid.inertia @ R_WO[2])
     return PlanarBody(
         outline=Outline(outline.corners - p_OB[:2]),

@@ -180,12 +180,11 @@ class _Search:
         return counts | {"mean": self._mean, "deviation": self._deviation}
 
     def restore(self, folder: Path, about: Mapping[str, object]) -> None:
-        path, own = folder / WAYPOINTS_FILE, self.get_state()
-        names = [one.name for one in fields(Waypoints)]
-        arrays = read_arrays(path, about, STAGE, ["share", "actions", *own, *names])
+        path = folder / WAYPOINTS_FILE
+        arrays = read_arrays(path, about, STAGE, [one.name for one in fields(Waypoints)])
         if arrays is None:
             return
-        wanted = own | {"share": np.array(0.0), "actions": self._mean}
+        wanted = self.get_state() | {"share": np.array(0.0), "actions": self._mean}
         shapes = {name: ("iu" if array.dtype.kind == "i" else "f", array.shape) for name, array in wanted.items()}
         check_arrays(path, arrays, shapes, STAGE)
         found = Waypoints.of_arrays(path, arrays)

@@ -215,6 +215,28 @@ def test_times_do_not_make_results_others(tmp_path):
     assert kills.differences(one, {}) == ["a.csv", "a.json", "a.npz", "a.ply"]
 
 
+@pytest.mark.parametrize(
+    ("keeps", "result", "wrong"),
+    [(True, "1", ""), (True, "2", "exit code 1"), (False, "1", "exit code 1")],
+)
+def test_a_run_may_refuse_to_write_over_what_a_killed_one_has_finished(tmp_path, monkeypatch, keeps, result, wrong):
+    def begin(arguments, log):
+        (tmp_path / "work/a.json").write_text(result)
+        log.write_text("allowed: a new or empty folder")
+        return 1
+
+    monkeypatch.setattr(kills, "begin", begin)
+    monkeypatch.setattr(kills, "kill", lambda child, after: True)
+    monkeypatch.setattr(kills, "finish", lambda child: 1)
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "work"))
+    (tmp_path / "one.json").write_text(json.dumps({"contents": {"a.json": 1}}))
+    command = kills.Command(("one",), resume=(), keeps=keeps)
+    found = kills.try_once("one", command, tmp_path, 1.0, np.random.default_rng(0))
+    assert found["kills"] > 0
+    assert found["wrong"].startswith(wrong)
+    assert bool(found["wrong"]) == bool(wrong)
+
+
 def test_a_killed_fork_and_what_it_leaves_are_seen(tmp_path):
     begun = time.monotonic()
     child = kills.begin(("doctor",), tmp_path / "log")
