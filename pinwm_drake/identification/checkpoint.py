@@ -111,5 +111,9 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
                 raise InputError(path, value=f"no array {phase}.{one.name}", allowed="a checkpoint of `identify`")
     check_arrays(path, arrays, wanted, "identify")
     for name, array in arrays.items():
-        if name.rpartition(".")[2] in ("loss", "best_loss", "objective", "scale") and array.dtype.kind != "f":
+        if name.rpartition(".")[2] not in ("loss", "best_loss", "objective"):
+            continue
+        if array.dtype.kind != "f":
             raise InputError(path, value=f"{name} of {array.dtype}", allowed="numbers")
+        if np.isnan(array).any():  # infinite where the physics has no solution
+            raise InputError(path, value=f"{name} with NaN", allowed="numbers, or infinity")

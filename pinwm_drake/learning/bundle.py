@@ -16,7 +16,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -194,9 +194,9 @@ def write_bundle(folder: Path, files: Mapping[str, bytes], provenance: Mapping[s
         InputError: The folder holds something or cannot be written to, or the files do not fit each other.
     """
     hashes = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    # As it will be read.
+    # As it will be read; numbers that are not finite become texts too.
     given = json.dumps({**provenance, "files": hashes, "sha256": None}, default=str)
-    document = parse_json(given, folder / PROVENANCE_FILE)
+    document = parse_json(given, folder / PROVENANCE_FILE, not_finite=str)
     document["sha256"] = provenance_hash(document)
     text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
     with appearing(folder) as temporary:
@@ -261,7 +261,10 @@ def _document(path: Path, document: Any) -> dict[str, Any]:
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    document = _document(path, parse_json(_content(path), path))
+    def refused(number: str) -> NoReturn:
+        raise InputError(path, value=number, allowed="finite numbers")
+
+    document = _document(path, parse_json(_content(path), path, not_finite=refused))
     files = document.get("files")
     if not isinstance(files, dict) or set(files) != set(HASHED):
         given = sorted(files) if isinstance(files, dict) else files

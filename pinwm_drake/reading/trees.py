@@ -2,7 +2,9 @@
 """Plain data of JSON and YAML, of limited size and depth."""
 
 import json
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -55,21 +57,26 @@ YamlDumper.add_implicit_resolver(*YAML_FLOAT)
 YamlDumper.add_representer(str, _text_node)
 
 
-def parse_json(content: bytes | str, path: Path) -> Any:
+def parse_json(content: bytes | str, path: Path, *, not_finite: Callable[[str], Any] = float) -> Any:
     """Return the value of a JSON text.
 
     Args:
         content: The text.
         path: Path that messages name.
+        not_finite: What becomes of NaN and infinite numbers; called with their texts.
 
     Raises:
         InputError: It is no JSON, too long, or too deep; the message names the line.
     """
     text = _short(content, path, MOST_JSON)
+
+    def number(digits: str) -> Any:
+        return found if math.isfinite(found := float(digits)) else not_finite(digits)
+
     with guarded(path, "JSON"):
         _check_brackets(text, path)
         try:
-            return json.loads(text)
+            return json.loads(text, parse_constant=not_finite, parse_float=number)
         except json.JSONDecodeError as error:
             raise InputError(path, row=error.lineno, value=error.msg, allowed="JSON") from error
 

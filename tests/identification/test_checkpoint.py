@@ -42,3 +42,13 @@ def test_a_phase_without_an_array_is_refused(tmp_path, name):
     write_arrays(checkpoint.path, {}, arrays)
     with pytest.raises(InputError, match=rf": no array now\.screen\.{name}; allowed: a checkpoint of `identify`"):
         opened(tmp_path)
+
+
+def test_a_loss_may_be_infinite_but_not_nan(tmp_path):
+    checkpoint = opened(tmp_path, resume=False)
+    checkpoint.end("coarse", {"z": np.zeros((2, 3)), "loss": np.array([0.1, np.inf])})
+    assert opened(tmp_path).result("coarse")["loss"].tolist() == [0.1, np.inf]
+    arrays, _ = load_arrays(checkpoint.path, "a checkpoint")
+    write_arrays(checkpoint.path, {}, arrays | {"coarse.loss": np.array([0.1, np.nan])})
+    with pytest.raises(InputError, match=r": got coarse\.loss with NaN; allowed: numbers, or infinity"):
+        opened(tmp_path)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pinwm_drake.learning.bundle import CONTRACT_FILE, HASHED, ONNX_FILE, PROVENANCE_FILE, read_bundle
+from pinwm_drake.learning.bundle import CONTRACT_FILE, HASHED, ONNX_FILE, PROVENANCE_FILE, read_bundle, write_bundle
 from pinwm_drake.learning.policy import write_policy
 from tests.learning.bundles import image_spec, refused, rehash, untrained_policy
 
@@ -59,6 +59,20 @@ def test_a_file_that_is_cut_off(folder, name, share):
 def test_a_changed_provenance(folder):
     rewrite(folder / PROVENANCE_FILE, lambda document: document["policy"].update(seed=1))
     assert refused(folder, PROVENANCE_FILE).startswith(": got other contents, with SHA-256")
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+def test_a_number_of_the_provenance_that_is_not_finite(folder, number):
+    path = folder / PROVENANCE_FILE
+    rehash(folder, loss=123.5)
+    path.write_text(path.read_text().replace("123.5", number))
+    assert refused(folder, PROVENANCE_FILE) == f": got {number}; allowed: finite numbers"
+
+
+def test_a_policy_whose_provenance_has_a_number_that_is_not_finite_is_exported(folder, tmp_path):
+    files = {name: (folder / name).read_bytes() for name in HASHED}
+    written = write_bundle(tmp_path / "written", files, read_bundle(folder).provenance | {"loss": float("nan")})
+    assert written.provenance["loss"] == "NaN"
 
 
 def test_an_extra_file(folder):
