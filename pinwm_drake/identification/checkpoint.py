@@ -93,7 +93,7 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
         "log.stage": ("U", (n,)),
         "log.start": ("i", (n,)),
     }
-    if n:
+    if n or "log.theta" not in arrays:
         wanted["log.theta"] = ("f", (n, size))
     for name, array in arrays.items():
         field, W = name.rpartition(".")[2], len(np.atleast_1d(array))
@@ -111,8 +111,10 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
                 raise InputError(path, value=f"no array {phase}.{one.name}", allowed="a checkpoint of `identify`")
     check_arrays(path, arrays, wanted, "identify")
     for name, array in arrays.items():
-        if name.rpartition(".")[2] not in ("loss", "best_loss", "objective"):
+        if name in wanted or name == "log.theta":  # (0,) where nothing was evaluated
             continue
+        if name.rpartition(".")[2] not in ("loss", "best_loss", "objective"):
+            raise InputError(path, value=f"an array {name}", allowed="a checkpoint of `identify`")
         if array.dtype.kind != "f":
             raise InputError(path, value=f"{name} of {array.dtype}", allowed="numbers")
         if np.isnan(array).any():  # infinite where the physics has no solution

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Ways of a pusher around an object that rests, to where an episode begins: what a further try begins with."""
+"""Ways of a pusher around or over an object that rests, to where an episode begins, for a further try."""
 
 import math
 
@@ -34,3 +34,20 @@ def around(p_WO: np.ndarray, begin: np.ndarray, end: np.ndarray, longest: float)
         if np.linalg.norm(np.diff(points, axis=0), axis=1).max() <= longest:
             return points
         number += 1
+
+
+def over(begin: np.ndarray, end: np.ndarray, longest: float) -> np.ndarray:
+    """Points (n + 1, 3) m, world, on a level way from `begin` to above `end` and down, `longest` [m] apart at most.
+
+    Args:
+        begin: (3,) m, world, higher than what is below.
+        end: (3,) m, world.
+        longest: m.
+    """
+    corner = np.array([*end[:2], begin[2]])
+    parts = [np.linspace(a, b, _number(a, b, longest) + 1) for a, b in ((begin, corner), (corner, end))]
+    return np.concatenate([parts[0], parts[1][1:]])
+
+
+def _number(begin: np.ndarray, end: np.ndarray, longest: float) -> int:
+    return max(math.ceil(float(np.linalg.norm(end - begin)) / longest - 1e-9), 1)

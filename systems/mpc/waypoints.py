@@ -15,7 +15,7 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
-from pinwm_drake.systems.mpc.approach import around
+from pinwm_drake.systems.mpc.approach import around, over
 from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
 from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
@@ -318,7 +318,11 @@ class _Search:
         wanted, noise = np.zeros((2, W, _WAY + horizon, n))
         noises = self._noise(W, level, generator)
         for world, (place, begun) in enumerate(drawn):
-            steps = np.diff(around(place.X_WO.translation(), place.p_WP, begun, longest), axis=0)[:_WAY] / longest
+            if self._start.over(place):
+                points = over(place.p_WP, begun, longest)
+            else:
+                points = around(place.X_WO.translation(), place.p_WP, begun, longest)
+            steps = np.diff(points, axis=0)[:_WAY] / longest
             plan = np.s_[world, len(steps) : len(steps) + horizon]
             wanted[world, : len(steps)] = steps
             wanted[plan] = actions @ heading_turn(worlds.task, place.object_state, begun).T

@@ -17,6 +17,7 @@ from pinwm_drake.systems.scenario.schema import Start
 from pinwm_drake.systems.scenario.setup import Setup
 
 _STRAY, _GAP = 0.12, 0.15  # m, of a further try
+_ABOVE, _OVER = 0.01, 0.4  # m, from the top to a pusher over the object at least; share of such places
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,8 @@ class StartDistribution:
         """Random place of a further try: the object where others have left it, the pusher on any side of it.
 
         The object is up to 0.12 m outside the ranges of x and y, at any yaw; the gap is up to 0.15 m, and the pusher is
-        between its height at the start and the top of its box.
+        between its height at the start and the top of its box. In four of ten places it is over the object, where a
+        lift that failed leaves it, or beside it at such a height.
 
         Returns:
             The place, and the position (3,) m, world, of a pusher that begins there as the scene says.
@@ -87,10 +89,18 @@ class StartDistribution:
         x, y = ([min(ends) - _STRAY, max(ends) + _STRAY] for ends in (start.x, start.y))
         begun = self._drawn(dataclasses.replace(start, x=x, y=y, yaw=[-math.pi, math.pi]), generator)
         angle, height = generator.uniform(-math.pi, math.pi), generator.uniform(start.pusher_height, self._high[2])
-        distance = self._radius(begun.X_WO.rotation()) + generator.uniform(min(start.pusher_gap), _GAP)
+        radius, top = self._radius(begun.X_WO.rotation()), self._clear(begun.X_WO)
+        distance = radius + generator.uniform(min(start.pusher_gap), _GAP)
+        if top < self._high[2] and generator.uniform() < _OVER:
+            height, distance = generator.uniform(top, min(self._high[2], top + _GAP)), radius * generator.uniform()
         away = [distance * math.cos(angle), distance * math.sin(angle)]
         p_WP = np.clip([*begun.X_WO.translation()[:2] + away, height], self._low, self._high)
         return Place(begun.X_WO, p_WP), begun.p_WP
+
+    def over(self, place: Place) -> bool:
+        """Flag: the pusher is over the object, or beside it and higher than it, within the circle of its turns."""
+        level = math.hypot(*(place.p_WP - place.X_WO.translation())[:2])
+        return level < self._radius(place.X_WO.rotation()) and float(place.p_WP[2]) >= self._clear(place.X_WO)
 
     def _drawn(self, start: Start, generator: np.random.Generator) -> Place:
         roll = int(generator.integers(start.rolls)) if start.rolls > 1 else 0
@@ -112,6 +122,11 @@ class StartDistribution:
     def _radius(self, R_WO: RotationMatrix) -> float:
         """Level distance [m] of the pusher from the object's origin at which they may touch."""
         return float(np.linalg.norm(self.vertices @ R_WO.matrix()[:2].T, axis=1).max()) + self._reach
+
+    def _clear(self, X_WO: RigidTransform) -> float:
+        """Height [m, world] from which on a pusher goes over the object without a touch."""
+        top = (self.vertices @ X_WO.rotation().matrix()[2]).max() + X_WO.translation()[2]
+        return float(top) + self._reach + _ABOVE
 
 
 def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:

@@ -52,3 +52,12 @@ def test_a_loss_may_be_infinite_but_not_nan(tmp_path):
     write_arrays(checkpoint.path, {}, arrays | {"coarse.loss": np.array([0.1, np.nan])})
     with pytest.raises(InputError, match=r": got coarse\.loss with NaN; allowed: numbers, or infinity"):
         opened(tmp_path)
+
+
+def test_an_array_of_another_name_is_refused(tmp_path):
+    checkpoint = opened(tmp_path, resume=False)
+    checkpoint.end("coarse", {"z": np.zeros((2, 3)), "loss": np.zeros(2)})
+    arrays, _ = load_arrays(checkpoint.path, "a checkpoint")
+    write_arrays(checkpoint.path, {}, arrays | {"extra": np.zeros(2)})
+    with pytest.raises(InputError, match=r": got an array extra; allowed: a checkpoint of `identify`"):
+        opened(tmp_path)

@@ -24,7 +24,7 @@ FLIP = Recipe(
     level_vectors=(0, 3, 6, 9, 12, 15),
     disturbance=0.1,  # one action of random ones ends 0.1 rad from where another engine has it
     continued=0.25,  # a stroke that missed leaves object and pusher where no start has them
-    retries=0.1,  # of the four in ten that do not begin at a waypoint
+    retries=0.25,  # of the four in ten that do not begin at a waypoint
     most_force=50.0,  # of an arm of a few kg; strokes that turn the mug over have 1 to 6
     light=0.6,  # lamps of a room, and of other renderers
     # Where the strokes of docs/results/policies.md turn a mug over, of frictions of 0.05 to 0.5 and 0.3 to 1.2.

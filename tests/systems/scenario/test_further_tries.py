@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: MIT
+import itertools
+
+import numpy as np
+import pytest
+
+from pinwm_drake.systems.mpc.approach import over
+from pinwm_drake.systems.scenario.load import load_setup
+from pinwm_drake.systems.scenario.start import StartDistribution
+
+
+@pytest.mark.parametrize("scene", ["flip_mug", "flip_cube"])
+def test_a_further_try_begins_beside_or_over_the_object_without_a_touch(scene):
+    setup, generator = load_setup(scene), np.random.default_rng(0)
+    starts, pusher = StartDistribution(setup), setup.scenario.pusher
+    count = 0
+    for _ in range(200):
+        place, begun = starts.anywhere(generator)
+        assert np.all(place.p_WP >= pusher.low) and np.all(place.p_WP <= pusher.high)
+        X_WO = place.X_WO
+        points = X_WO.multiply(starts.vertices.T).T
+        if starts.over(place):
+            count += 1
+            way = over(place.p_WP, begun, 0.05)
+            fine = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(way)])
+            level = np.linalg.norm(fine[:, :2] - X_WO.translation()[:2], axis=1)
+            reach = np.linalg.norm(points[:, :2] - X_WO.translation()[:2], axis=1).max()
+            above = fine[:, 2] > points[:, 2].max() + 0.01
+            assert np.all(above | (level > reach + 0.009))
+    assert 50 < count < 110
