@@ -213,7 +213,7 @@ def test_some_episodes_of_a_training_begin_as_after_a_try_that_failed():
         assert not behind().any()
     evaluate_worlds(env, policy, 200, seed=1)
     assert (policy.seen[:, 17] < 0.5).all()
-    assert env.worlds.retries == worlds.about["retries"] == 0.1
+    assert env.worlds.retries == worlds.about["retries"] == 0.25
     assert TrainingWorlds("push_t", num_worlds=1).task_worlds("state").worlds.retries == 0.0
 
 

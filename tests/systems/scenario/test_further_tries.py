@@ -16,7 +16,7 @@ def test_a_further_try_begins_beside_or_over_the_object_without_a_touch(scene):
     count = 0
     for _ in range(200):
         place, begun = starts.anywhere(generator)
-        assert np.all(place.p_WP >= pusher.low) and np.all(place.p_WP <= pusher.high)
+        assert np.all((place.p_WP >= pusher.low) & (place.p_WP <= pusher.high))
         X_WO = place.X_WO
         points = X_WO.multiply(starts.vertices.T).T
         if starts.over(place):
