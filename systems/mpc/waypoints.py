@@ -15,7 +15,7 @@ from pinwm_drake.learning.progress import Report, Step, silent
 from pinwm_drake.pace import Pace
 from pinwm_drake.systems.envs.training_worlds import TrainingWorlds
 from pinwm_drake.systems.envs.worlds import Worlds
-from pinwm_drake.systems.mpc.approach import around, over
+from pinwm_drake.systems.mpc.approach import way_past
 from pinwm_drake.systems.mpc.sampling import carried_out, heading_turn
 from pinwm_drake.systems.mpc.strokes import Strokes
 from pinwm_drake.systems.scenario.start import Place, StartDistribution
@@ -25,7 +25,7 @@ STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
 _ALIKE = 0.05  # mean difference of two plans' actions, up to which they count as one
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
-_AGAIN, _WAY = 3, 10  # replays that begin anywhere, for each that does not; the most actions of a way around
+_AGAIN, _WAY = 3, 10  # replays that begin anywhere, for each that does not; the most actions of a way past the object
 # Shares of the noise with which a plan is replayed until enough replays do the task. Such a share counts as much less.
 _WEIGHTS, _ENOUGH = (1.0, 0.5, 0.25), 0.1
 _ELITE, _MOMENTUM, _LEAST = 0.25, 0.2, 0.03  # of the rounds that make a plan more robust
@@ -87,8 +87,8 @@ def find_waypoints(
     Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
     more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
     with the largest share of replays that do the task stays: states of these replays, and what it does there. More
-    replays begin anywhere, as after a try that failed: the pusher goes around the object first, to where episodes
-    begin.
+    replays begin anywhere, as after a try that failed: the pusher first goes past the object or over it, to where
+    episodes begin.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
@@ -318,10 +318,7 @@ class _Search:
         wanted, noise = np.zeros((2, W, _WAY + horizon, n))
         noises = self._noise(W, level, generator)
         for world, (place, begun) in enumerate(drawn):
-            if self._start.over(place):
-                points = over(place.p_WP, begun, longest)
-            else:
-                points = around(place.X_WO.translation(), place.p_WP, begun, longest)
+            points = way_past(place.X_WO.translation(), place.p_WP, begun, self._start.clear_of(place.X_WO), longest)
             steps = np.diff(points, axis=0)[:_WAY] / longest
             plan = np.s_[world, len(steps) : len(steps) + horizon]
             wanted[world, : len(steps)] = steps

@@ -89,7 +89,7 @@ class StartDistribution:
         x, y = ([min(ends) - _STRAY, max(ends) + _STRAY] for ends in (start.x, start.y))
         begun = self._drawn(dataclasses.replace(start, x=x, y=y, yaw=[-math.pi, math.pi]), generator)
         angle, height = generator.uniform(-math.pi, math.pi), generator.uniform(start.pusher_height, self._high[2])
-        radius, top = self._radius(begun.X_WO.rotation()), self._clear(begun.X_WO)
+        radius, top = self.clear_of(begun.X_WO)
         distance = radius + generator.uniform(min(start.pusher_gap), _GAP)
         if top < self._high[2] and generator.uniform() < _OVER:
             height, distance = generator.uniform(top, min(self._high[2], top + _GAP)), radius * generator.uniform()
@@ -97,10 +97,10 @@ class StartDistribution:
         p_WP = np.clip([*begun.X_WO.translation()[:2] + away, height], self._low, self._high)
         return Place(begun.X_WO, p_WP), begun.p_WP
 
-    def over(self, place: Place) -> bool:
-        """Flag: the pusher is over the object, or beside it and higher than it, within the circle of its turns."""
-        level = math.hypot(*(place.p_WP - place.X_WO.translation())[:2])
-        return level < self._radius(place.X_WO.rotation()) and float(place.p_WP[2]) >= self._clear(place.X_WO)
+    def clear_of(self, X_WO: RigidTransform) -> tuple[float, float]:
+        """Level distance from the origin of an object [m], and height [m, world]: a pusher beyond either is free."""
+        top = (self.vertices @ X_WO.rotation().matrix()[2]).max() + X_WO.translation()[2]
+        return self._radius(X_WO.rotation()), float(top) + self._reach + _ABOVE
 
     def _drawn(self, start: Start, generator: np.random.Generator) -> Place:
         roll = int(generator.integers(start.rolls)) if start.rolls > 1 else 0
@@ -122,11 +122,6 @@ class StartDistribution:
     def _radius(self, R_WO: RotationMatrix) -> float:
         """Level distance [m] of the pusher from the object's origin at which they may touch."""
         return float(np.linalg.norm(self.vertices @ R_WO.matrix()[:2].T, axis=1).max()) + self._reach
-
-    def _clear(self, X_WO: RigidTransform) -> float:
-        """Height [m, world] from which on a pusher goes over the object without a touch."""
-        top = (self.vertices @ X_WO.rotation().matrix()[2]).max() + X_WO.translation()[2]
-        return float(top) + self._reach + _ABOVE
 
 
 def on_floor(vertices: np.ndarray, R_WO: RotationMatrix, x: float, y: float, floor_height: float) -> RigidTransform:

@@ -4,7 +4,7 @@ import itertools
 import numpy as np
 import pytest
 
-from pinwm_drake.systems.mpc.approach import over
+from pinwm_drake.systems.mpc.approach import way_past
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.start import StartDistribution
 
@@ -19,12 +19,11 @@ def test_a_further_try_begins_beside_or_over_the_object_without_a_touch(scene):
         assert np.all((place.p_WP >= pusher.low) & (place.p_WP <= pusher.high))
         X_WO = place.X_WO
         points = X_WO.multiply(starts.vertices.T).T
-        if starts.over(place):
-            count += 1
-            way = over(place.p_WP, begun, 0.05)
-            fine = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(way)])
-            level = np.linalg.norm(fine[:, :2] - X_WO.translation()[:2], axis=1)
-            reach = np.linalg.norm(points[:, :2] - X_WO.translation()[:2], axis=1).max()
-            above = fine[:, 2] > points[:, 2].max() + 0.01
-            assert np.all(above | (level > reach + 0.009))
+        radius, height = starts.clear_of(X_WO)
+        count += place.p_WP[2] >= height and np.hypot(*(place.p_WP - X_WO.translation())[:2]) < radius
+        way = way_past(X_WO.translation(), place.p_WP, begun, (radius, height), 0.05)
+        fine = np.concatenate([np.linspace(a, b, 20) for a, b in itertools.pairwise(way)])
+        level = np.linalg.norm(fine[:, :2] - X_WO.translation()[:2], axis=1)
+        reach = np.linalg.norm(points[:, :2] - X_WO.translation()[:2], axis=1).max()
+        assert np.all((fine[:, 2] > points[:, 2].max() + 0.01) | (level > reach + 0.009))
     assert 50 < count < 110
