@@ -93,6 +93,7 @@ class Worlds:
             0 at first.
         light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the
             whole object loses up to as much once more. 0 at first: the light that the twin was filmed in.
+        acceleration: m/s^2, largest one of the pusher; infinite for none.
         most_force: N, largest mean force of a twin's pusher in an action; an episode with more ends there as failed.
             None at first, which is without a limit.
         spoil: Called with each new image (height, width, 4) uint8 RGBA and the generator of its world; gives the image
@@ -128,6 +129,7 @@ class Worlds:
         self.retries, self.continued, self._late = 0.0, 0.0, np.zeros(num_worlds, bool)
         self.most_force: float | None = None
         self.light = 0.0
+        self.acceleration = options.acceleration
         horizon = self.setup.scenario.pusher.horizon
         limits = options.lag, options.acceleration, self.run.max_translation
         self._delay = Delay(options.latency, horizon, num_worlds, self.task, parts, *limits)

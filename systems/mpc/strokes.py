@@ -19,6 +19,7 @@ from pinwm_drake.tasks.registry import recipe_of
 _STROKES = 3  # at most, after the way to where the first one begins
 _RUN_UP = (-0.01, 0.03)  # m, from where the first stroke begins to the face that it meets
 _BACK = 0.03  # m, farthest way back from the object before the first stroke
+_GATHERED = 2  # actions towards the object, at most, in which a pusher of limited acceleration gathers speed
 _FIRST, _SHORTEST = 0.7, 0.3  # least length of the first stroke and of others, in units of the longest translation
 _RISES = (-90.0, 150.0)  # deg, of any stroke; beyond 90 it goes back
 # Heights in units of the object's, rises of the first stroke and changes of the rise (mean, standard deviation) in deg.
@@ -43,6 +44,8 @@ class Strokes:
         self._vertices = StartDistribution(worlds.setup).vertices
         self._radius = upright_shape(worlds.setup.twin.pusher).radius
         self._horizon, self._longest = horizon, worlds.run.max_translation
+        # Most change of an action's translation from one to the next, in units of the longest one.
+        self._change = worlds.acceleration * pusher.horizon**2 / self._longest
 
     @staticmethod
     def apply(worlds: Worlds) -> bool:
@@ -72,12 +75,24 @@ class Strokes:
             shares, rises, (bend, spread) = _FAMILIES[index % len(_FAMILIES)]
             height = np.clip(bottom + generator.uniform(*shares) * (top - bottom), self._low, self._high)
             level = max(gap - generator.uniform(*_RUN_UP), -_BACK)
+            gathered = int(generator.integers(_GATHERED + 1)) if math.isfinite(self._change) else 0
+            if gathered:
+                level -= self._longest * self.gathered(gathered)
             way = np.array([-level, 0.0, height - p_WP[2]]) / self._longest
             parts = max(math.ceil(float(np.linalg.norm(way))), 1)
             row[:parts] = way / parts
+            if gathered:
+                parts += 1  # it comes to rest
+                row[parts : parts + gathered, 0] = -1.0
+                parts += gathered
             rise = generator.uniform(*rises)
             for k in range(parts, min(parts + int(generator.integers(_STROKES)) + 1, self._horizon)):
                 length = generator.uniform(_FIRST if k == parts else _SHORTEST, 1.0)
                 row[k] = -length * math.cos(math.radians(rise)), 0.0, length * math.sin(math.radians(rise))
                 rise = float(np.clip(rise + generator.normal(bend, spread), *_RISES))
         return actions
+
+    def gathered(self, number: int) -> float:
+        """Return the way from rest, in units of the longest translation, in a number of actions at full speed."""
+        rising = min(1.0 / self._change, number)  # actions in which the speed rises
+        return 0.5 * self._change * rising**2 + number - rising

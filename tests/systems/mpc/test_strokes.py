@@ -64,3 +64,20 @@ def test_some_of_them_turn_a_cube_over(cube, strokes):
 def test_they_are_of_tasks_that_move_the_pusher_in_space(cube):
     assert Strokes.apply(cube[0])
     assert not Strokes.apply(Worlds("push_t"))
+
+
+def test_a_pusher_of_limited_acceleration_gathers_speed_before_the_face():
+    options = EnvOptions(time_step=1 / 240, acceleration=7.0)
+    worlds = Worlds("flip_cube", "twin", 90, options)
+    place = StartDistribution(worlds.setup).middle()
+    found = Strokes(worlds, HORIZON)
+    drawn = found.draw(np.random.default_rng(3), 90, place.object_state, place.p_WP)
+    full = (drawn[:, :, 0] == -1.0).sum(1)
+    assert set(full) == {0, 1, 2}
+    worlds.reset()
+    far = place.p_WP + np.array([-0.2, 0.0, 0.1])  # free of the object
+    worlds.set_object_states(np.tile(place.object_state, (90, 1)), np.tile(far, (90, 1)))
+    for number in (1, 2):
+        worlds.advance(np.tile([1.0, 0.0, 0.0], (90, 1)))
+        went = worlds.run.p_WP[0, 0] - far[0]
+        assert went == pytest.approx(worlds.run.max_translation * found.gathered(number), rel=0.02)
