@@ -9,7 +9,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -203,10 +203,23 @@ def _read_train(folder: Path) -> object:
     return rounds.number, rounds.arrays
 
 
+def _read_history(folder: Path) -> object:
+    found = read_history(folder / "history.npz")  # one that diverged is drawn as well
+    return replace(found, loss=np.nan_to_num(found.loss), theta=np.nan_to_num(found.theta))
+
+
+def _losses(losses: np.ndarray) -> np.ndarray:
+    """Losses, of which those where the physics has no solution are infinite, as finite numbers."""
+    return np.where(np.isposinf(losses), 0.0, losses)
+
+
 def _identify(folder: Path, *, read: bool = False) -> object:
     kept = Checkpoint(folder, _ABOUT, resume=read, every=1, size=2)
     if read:
-        return kept.load_adam("fine0.0"), kept.result("coarse"), kept.done
+        state = kept.load_adam("fine0.0")
+        best = None if state is None else _losses(state.best_loss.numpy())
+        done = {name: _losses(one) if name.endswith("loss") else one for name, one in kept.done.items()}
+        return best, state and vars(state) | {"best_loss": 0.0}, done
     kept.log.add("coarse", 0, 0.1, [0.3, 0.2])
     kept.end("coarse", {"z": torch.zeros(4, 2, dtype=torch.float64), "loss": torch.ones(4, dtype=torch.float64)})
     state = AdamState.at(torch.zeros(4, 2, dtype=torch.float64))
@@ -309,7 +322,7 @@ READERS: dict[str, Reader] = {
     "waypoints": Reader(_waypoints, Waypoints.read, _rehash_arrays, r".*\.npz"),
     "evaluated episode": Reader(_evaluation, _read_evaluation, _rehash_arrays, r".*\.npz"),
     "cell": Reader(_cell, lambda folder: CellStore(folder).read(_CELL)),
-    "history": Reader(_history, lambda folder: read_history(folder / "history.npz")),
+    "history": Reader(_history, _read_history),
     "draws": Reader(_draws, lambda folder: read_draws(folder / "draws.npz")),
     "twin": Reader(_twin, load_twin, _rehash_twin, r"(?!twin\.yaml).*"),
     "cousins": Reader(_cousins, _read_cousins, _rehash_cousins, r"cousins\.npz"),

@@ -117,5 +117,5 @@ def _check(path: Path, arrays: Mapping[str, np.ndarray], size: int | None) -> No
             raise InputError(path, value=f"an array {name}", allowed="a checkpoint of `identify`")
         if array.dtype.kind != "f":
             raise InputError(path, value=f"{name} of {array.dtype}", allowed="numbers")
-        if np.isnan(array).any():  # infinite where the physics has no solution
-            raise InputError(path, value=f"{name} with NaN", allowed="numbers, or infinity")
+        if not (array > -np.inf).all():  # infinite where the physics has no solution
+            raise InputError(path, value=f"{name} with NaN or -inf", allowed="numbers, or infinity")

@@ -8,6 +8,8 @@ from math import nan as NAN
 from pathlib import Path
 
 import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.checkpoints import check_arrays, read_arrays
 from pinwm_drake.errors import require
@@ -25,7 +27,8 @@ STAGE = "waypoints"
 _WORTH = 0.5  # of a success that counts
 _ALIKE = 0.05  # mean difference of two plans' actions, up to which they count as one
 _SLIP = 0.002  # m, standard deviation of the pusher's place at the start of a replay
-_AGAIN, _WAY = 3, 10  # replays that begin anywhere, for each that does not; the most actions of a way past the object
+_RESTS, _AFTER = 0.5, 0.7  # rad/s and m/s together, of what comes to rest; share of further tries after failures
+_AGAIN, _WAY = 8, 10  # replays of further tries, for each other; the most actions of a way past the object
 # Shares of the noise with which a plan is replayed until enough replays do the task. Such a share counts as much less.
 _WEIGHTS, _ENOUGH = (1.0, 0.5, 0.25), 0.1
 _ELITE, _MOMENTUM, _LEAST = 0.25, 0.2, 0.03  # of the rounds that make a plan more robust
@@ -135,6 +138,16 @@ class _Plan:
     waypoints: Waypoints
     share: float
     actions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Try:
+    """State (13,) and pusher (3,) m, world, of a further try, the pose in which the object rests, and its start."""
+
+    object_state: np.ndarray
+    p_WP: np.ndarray
+    X_WO: RigidTransform
+    begun: np.ndarray
 
 
 class _Search:
@@ -310,21 +323,45 @@ class _Search:
     def _again(
         self, actions: np.ndarray, level: float, generator: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Put the worlds anywhere; gives ways to the starts with a plan after them, and noise on the latter."""
+        """Put the worlds into further tries; gives ways to the starts, plans after them, and noise on these."""
         worlds, (horizon, n) = self._replays, actions.shape
         W, longest = worlds.num_worlds, worlds.run.max_translation
         drawn = [self._start.anywhere(generator) for _ in range(W)]
-        self._place([place for place, _ in drawn])
+        tries = [_Try(place.object_state, place.p_WP, place.X_WO, begun) for place, begun in drawn]
+        for world, found in self._failed(actions, level, generator).items():
+            tries[world] = found
+        worlds.set_object_states(np.array([one.object_state for one in tries]), np.array([one.p_WP for one in tries]))
         wanted, noise = np.zeros((2, W, _WAY + horizon, n))
         noises = self._noise(W, level, generator)
-        for world, (place, begun) in enumerate(drawn):
-            points = way_past(place.X_WO.translation(), place.p_WP, begun, self._start.clear_of(place.X_WO), longest)
+        for world, one in enumerate(tries):
+            points = way_past(one.X_WO.translation(), one.p_WP, one.begun, self._start.clear_of(one.X_WO), longest)
             steps = np.diff(points, axis=0)[:_WAY] / longest
             plan = np.s_[world, len(steps) : len(steps) + horizon]
             wanted[world, : len(steps)] = steps
-            wanted[plan] = actions @ heading_turn(worlds.task, place.object_state, begun).T
+            turn = heading_turn(worlds.task, np.array([1.0, 0.0, 0.0, 0.0, *one.X_WO.translation()]), one.begun)
+            wanted[plan] = actions @ turn.T
             noise[plan] = noises[world]
         return wanted, noise
+
+    def _failed(self, actions: np.ndarray, level: float, generator: np.random.Generator) -> "dict[int, _Try]":
+        """Return further tries by the world: states within replays that failed, and where the objects came to rest."""
+        worlds = self._replays
+        wanted, noise = self._once(actions, level, generator)
+        seen, ended = [_states(worlds)], np.zeros(worlds.num_worlds, bool)
+        for going, out in carried_out(worlds, np.clip(wanted + noise, -1.0, 1.0)):
+            seen.append(_states(worlds))
+            ended |= ~going | out.terminated
+        last, _ = seen[-1]
+        rest = ~ended & (np.linalg.norm(last[:, 7:], axis=1) < _RESTS)
+        tries = {}
+        for world in np.flatnonzero(rest).tolist():
+            q, p = np.split(last[world, :7], [4])
+            X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz=q / np.linalg.norm(q))), p)
+            begun = self._start.beside(X_WO)
+            if begun is not None and generator.uniform() < _AFTER:
+                object_state, p_WP = seen[int(generator.integers(len(seen) // 2, len(seen)))]
+                tries[world] = _Try(object_state[world], p_WP[world], X_WO, begun)
+        return tries
 
 
 def _states(worlds: Worlds) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 _STRAY, _GAP = 0.12, 0.15  # m, of a further try
 _ABOVE, _OVER = 0.01, 0.4  # m, from the top to a pusher over the object at least; share of such places
+_LEVEL = 0.7  # least level part of the direction from a lying object to its pusher, of unit length
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,24 @@ class StartDistribution:
         away = [distance * math.cos(angle), distance * math.sin(angle)]
         p_WP = np.clip([*begun.X_WO.translation()[:2] + away, height], self._low, self._high)
         return Place(begun.X_WO, p_WP), begun.p_WP
+
+    def beside(self, X_WO: RigidTransform) -> np.ndarray | None:
+        """Position (3,) m, world, of a pusher that begins a further try at an object that lies in some pose.
+
+        It is on the side of the object on which the scene has it, in the middle of the ranges; None where that side
+        points up or down.
+        """
+        start = self._start
+        angle, gap = (0.5 * sum(ends) for ends in (start.pusher_angle, start.pusher_gap))
+        away = np.array([math.cos(angle), math.sin(angle), 0.0])
+        if start.pusher_from == "object":
+            away = X_WO.rotation().matrix() @ self._R.matrix().T @ away
+        level = math.hypot(*away[:2])
+        if level < _LEVEL:
+            return None
+        distance = self._radius(X_WO.rotation()) + gap
+        p_WP = np.array([*X_WO.translation()[:2] + distance * away[:2] / level, start.pusher_height])
+        return np.clip(p_WP, self._low, self._high)
 
     def clear_of(self, X_WO: RigidTransform) -> tuple[float, float]:
         """Level distance from the origin of an object [m], and height [m, world]: a pusher beyond either is free."""

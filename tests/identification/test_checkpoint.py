@@ -44,13 +44,14 @@ def test_a_phase_without_an_array_is_refused(tmp_path, name):
         opened(tmp_path)
 
 
-def test_a_loss_may_be_infinite_but_not_nan(tmp_path):
+@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+def test_a_loss_may_be_infinite_but_not_nan(tmp_path, bad):
     checkpoint = opened(tmp_path, resume=False)
     checkpoint.end("coarse", {"z": np.zeros((2, 3)), "loss": np.array([0.1, np.inf])})
     assert opened(tmp_path).result("coarse")["loss"].tolist() == [0.1, np.inf]
     arrays, _ = load_arrays(checkpoint.path, "a checkpoint")
-    write_arrays(checkpoint.path, {}, arrays | {"coarse.loss": np.array([0.1, np.nan])})
-    with pytest.raises(InputError, match=r": got coarse\.loss with NaN; allowed: numbers, or infinity"):
+    write_arrays(checkpoint.path, {}, arrays | {"coarse.loss": np.array([0.1, bad])})
+    with pytest.raises(InputError, match=r": got coarse\.loss with NaN or -inf; allowed: numbers, or infinity"):
         opened(tmp_path)
 
 
