@@ -18,6 +18,7 @@ import yaml
 
 Generator = np.random.Generator
 Mutation = Callable[[Path, Generator], None]
+_DEEPEST = 1000  # brackets of a YAML document that is parsed here; libyaml crashes at some ten thousand levels
 _LARGE_BOMB = 0.1  # share of the bombs; making one takes a second
 
 GARBAGE: list[Any] = [
@@ -187,9 +188,9 @@ def json_text(path: Path, rng: Generator) -> None:
 
 
 def plain_yaml(path: Path) -> Any:
-    """Document of a YAML file; an error for one with aliases, which could take hours."""
+    """Document of a YAML file; an error for one with aliases, which could take hours, or so deep that libyaml crashes."""
     text = path.read_text()
-    if "&" in text:
+    if "&" in text or sum(map(text.count, "[{")) + text.count("- - ") > _DEEPEST:
         raise ValueError
     return yaml.load(text, yaml.CSafeLoader)
 
