@@ -188,7 +188,7 @@ def json_text(path: Path, rng: Generator) -> None:
 
 
 def plain_yaml(path: Path) -> Any:
-    """Document of a YAML file; an error for one with aliases, which could take hours, or so deep that libyaml crashes."""
+    """Document of a YAML file; an error for aliases, which could take hours, and for what crashes libyaml."""
     text = path.read_text()
     if "&" in text or sum(map(text.count, "[{")) + text.count("- - ") > _DEEPEST:
         raise ValueError
