@@ -73,7 +73,7 @@ class PpoOptions(RewardOptions):
     entropy: float = 0.0
     value: float = 0.05
     averaged: float = 0.85
-    imitation: int = 500
+    imitation: int = 1500
     auxiliary: int = 0
     auxiliary_rate: float = 1e-3
 
