@@ -16,7 +16,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.models import policy_path
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.reading.network import within
-from pinwm_drake.reading.trees import parse_json, parse_yaml
+from pinwm_drake.reading.trees import no_infinite, parse_json, parse_yaml
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
 HASHED = (ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE)
@@ -261,10 +261,7 @@ def _document(path: Path, document: Any) -> dict[str, Any]:
 
 
 def _provenance(path: Path) -> dict[str, Any]:
-    def refused(number: str) -> NoReturn:
-        raise InputError(path, value=number, allowed="finite numbers")
-
-    document = _document(path, parse_json(_content(path), path, not_finite=refused))
+    document = _document(path, parse_json(_content(path), path, not_finite=no_infinite(path)))
     files = document.get("files")
     if not isinstance(files, dict) or set(files) != set(HASHED):
         given = sorted(files) if isinstance(files, dict) else files

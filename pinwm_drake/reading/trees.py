@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import yaml
 
@@ -79,6 +79,15 @@ def parse_json(content: bytes | str, path: Path, *, not_finite: Callable[[str], 
             return json.loads(text, parse_constant=not_finite, parse_float=number)
         except json.JSONDecodeError as error:
             raise InputError(path, row=error.lineno, value=error.msg, allowed="JSON") from error
+
+
+def no_infinite(path: Path) -> Callable[[str], NoReturn]:
+    """Return a function for `parse_json` that refuses NaN and infinite numbers of a file."""
+
+    def refused(digits: str) -> NoReturn:
+        raise InputError(path, value=digits, allowed="finite numbers")
+
+    return refused
 
 
 def parse_yaml(content: bytes | str, path: Path) -> Any:

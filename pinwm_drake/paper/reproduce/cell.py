@@ -18,10 +18,11 @@ from typing import Any, ClassVar
 import torch
 from filelock import FileLock
 
-from pinwm_drake.documents import read_json
 from pinwm_drake.errors import InputError
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.provenance import timestamp, versions
+from pinwm_drake.reading.contents import read_text
+from pinwm_drake.reading.trees import MOST_JSON, no_infinite, parse_json
 
 DONE_FILE = "done.json"
 _LOGS = "logs"
@@ -188,11 +189,15 @@ def _read_runs(path: Path) -> list[dict[str, Any]]:
 
 def _read_json(path: Path) -> Any:
     """Content of a file of a cell's folder; None where there is none; raises InputError where it cannot be read."""
-    return read_json(path).value if path.exists() else None
+    return parse_json(read_text(path, MOST_JSON), path, not_finite=no_infinite(path)) if path.exists() else None
 
 
 def _write_json(path: Path, content: Any) -> None:
-    """Write a file of a cell's folder, whole or not at all; the folder is made if need be."""
+    """Write a file of a cell's folder, whole or not at all; the folder is made if need be.
+
+    Numbers that are not finite become null.
+    """
+    content = parse_json(json.dumps(content), path, not_finite=lambda digits: None)
     with replacing(prepare_folder(path.parent) / path.name) as temporary:
         temporary.write_text(json.dumps(content, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 

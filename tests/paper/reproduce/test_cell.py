@@ -179,3 +179,13 @@ def test_a_setting_that_is_added_leaves_cells_as_they_were(tmp_path: Path):
     store.write(cell, done | {"settings": done["settings"] | {"more": 1}})
     with pytest.raises(InputError, match="other settings"):
         store.read(cell)
+
+
+def test_numbers_that_are_not_finite_are_written_as_null_and_refused_in_a_file(tmp_path):
+    store, done = CellStore(tmp_path), {"settings": settings_of(ONE), "provenance": {}}
+    store.write(ONE, done | {"result": {"a": float("nan")}})
+    assert store.read(ONE)["result"] == {"a": None}
+    path = tmp_path / ONE.key / DONE_FILE
+    path.write_text(path.read_text().replace("null", "Infinity"))
+    with pytest.raises(InputError, match="got Infinity; allowed: finite numbers"):
+        store.read(ONE)
