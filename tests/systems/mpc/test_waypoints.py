@@ -169,4 +169,4 @@ def test_less_noise_is_tried_where_few_replays_do_the_task_and_counts_less(world
     searching._keep(np.zeros((9, 3)), np.random.default_rng(0))
     assert searching.best.share == pytest.approx(kept)
     assert sorted(set(tried), reverse=True) == pytest.approx([QUICK.noise / 2**k for k in range(levels)])
-    assert len(tried) == QUICK.replays * (levels + 3 * (kept > 0.0))  # those that begin anywhere have the last one
+    assert len(tried) == QUICK.replays * (levels + search._AGAIN * (kept > 0.0))  # further tries have the last one
