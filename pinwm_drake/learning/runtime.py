@@ -40,9 +40,8 @@ class Network:
         try:
             self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's errors have no base of their own
-            message = " ".join(str(error).split())[:200]
             allowed = "a network in ONNX, weights included, that onnxruntime loads"
-            raise InputError(path, value=f"unreadable contents ({message})", allowed=allowed) from error
+            raise InputError(path, value=f"unreadable contents ({_line(error)})", allowed=allowed) from error
         kinds = (
             ("inputs", self._session.get_inputs(), contract["inputs"]),
             ("outputs", self._session.get_outputs(), contract["outputs"]),
@@ -53,6 +52,7 @@ class Network:
             if found != wanted:
                 allowed = f"{_listed(wanted)}, as the contract says"
                 raise InputError(path, value=f"{what} {_listed(found)}", allowed=allowed)
+        self._path = path
         self._shapes = {entry["name"]: tuple(entry["shape"]) for entry in contract["inputs"]}
         self._outputs = [entry["name"] for entry in contract["outputs"]]
 
@@ -81,6 +81,7 @@ class Network:
 
         Raises:
             StateError: A shape, or the image's type, is another.
+            InputError: The parts of the network do not fit each other.
         """
         image, position = np.asarray(image), np.asarray(p_WP, np.float32)
         if image.dtype != np.uint8 or image.shape != self._shapes[IMAGE]:
@@ -94,8 +95,18 @@ class Network:
         if (shape := self._shapes.get(GOAL)) != (None if goal is None else inputs[GOAL].shape):
             given = "none" if goal is None else f"the shape {inputs[GOAL].shape}"
             raise StateError(f"goal: got {given}; allowed: {'none' if shape is None else shape}, as the contract says")
-        answers = dict(zip(self._outputs, self._session.run(self._outputs, inputs), strict=True))
+        try:
+            found = self._session.run(self._outputs, inputs)
+        except Exception as error:
+            value = f"a network that does not run ({_line(error)})"
+            raise InputError(self._path, value=value, allowed="one whose parts fit each other") from error
+        answers = dict(zip(self._outputs, found, strict=True))
         return answers[TRANSLATION], answers.get(ESTIMATE)
+
+
+def _line(error: Exception) -> str:
+    """Message of onnxruntime, on one line and not too long."""
+    return " ".join(str(error).split())[:200]
 
 
 def _listed(nodes: list[tuple[str, str, list[Any]]]) -> str:

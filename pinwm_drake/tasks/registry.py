@@ -55,8 +55,8 @@ def task_from_document(document: Any) -> Task:
     Raises:
         ParameterError: There is no such task or field, or a value is of the wrong kind or out of range.
     """
-    if not isinstance(document, Mapping) or document.get("name") not in _TASKS:
-        given = document.get("name") if isinstance(document, Mapping) else document
+    given = document.get("name") if isinstance(document, Mapping) else document
+    if not isinstance(document, Mapping) or not isinstance(given, str) or given not in _TASKS:
         allowed = f"a mapping whose name is one of {', '.join(sorted(_TASKS))}"
         raise ParameterError(f"task: got {given!r}; allowed: {allowed}")
     kind, _ = _TASKS[document["name"]]

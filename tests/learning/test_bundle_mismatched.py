@@ -74,6 +74,17 @@ def test_a_network_of_other_inputs_and_outputs(folder):
         assert refused(folder, ONNX_FILE) == f": got {message}"
 
 
+def test_a_network_whose_parts_do_not_fit_each_other(folder):
+    model = onnx.load_from_string((folder / ONNX_FILE).read_bytes())
+    convolutions = [node for node in model.graph.node if node.op_type == "Conv"]
+    convolutions[-1].input[0] = convolutions[0].output[0]
+    (folder / ONNX_FILE).write_bytes(model.SerializeToString())
+    rehash(folder)
+    message = refused(folder, ONNX_FILE)
+    assert message.startswith(": got a network that does not run ([ONNXRuntimeError]")
+    assert message.endswith("; allowed: one whose parts fit each other")
+
+
 def test_another_network_of_the_same_inputs(folder):
     (folder / ONNX_FILE).write_bytes(constant_network([16, 16, 3]))
     rehash(folder)

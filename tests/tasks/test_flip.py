@@ -175,3 +175,9 @@ def test_a_document_brings_the_task_back():
 def test_what_cannot_be_is_refused(options, words):
     with pytest.raises(ParameterError, match=words):
         FlipTask(**options)
+
+
+@pytest.mark.parametrize("name", [None, {"a": 1}, ["flip"], 3, "fold"])
+def test_a_document_of_no_known_task_is_refused(name):
+    with pytest.raises(ParameterError, match=r"task: got .*; allowed: a mapping whose name is one of flip, push"):
+        task_from_document({"name": name})
