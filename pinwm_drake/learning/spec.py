@@ -20,7 +20,8 @@ Observes = Literal["rgb", "state"]
 Head = Literal["levels", "tanh", "dither"]
 _Vector = tuple[float, float, float]
 _Length = Annotated[float, Field(gt=0, json_schema_extra={"unit": "m"})]
-_Pixels = Annotated[int, Field(ge=1, json_schema_extra={"unit": "px"})]
+_MOST, _MOST_SEEN = 256, 2**26  # frames or past actions; values of the images that are seen
+_Pixels = Annotated[int, Field(ge=1, le=16384, json_schema_extra={"unit": "px"})]
 _Count = Annotated[int, Field(ge=1, json_schema_extra={"allowed": "a whole number, 1 or more"})]
 _SHA256 = "a SHA-256, 64 digits of 0 to 9 and a to f"
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", json_schema_extra={"allowed": _SHA256})]
@@ -171,7 +172,7 @@ class PolicySpec:
     """
 
     observes: Observes
-    frames: _Count
+    frames: Annotated[int, Field(ge=1, le=_MOST)]
     camera: Annotated[CameraSpec, document_of(CameraSpec, "camera")]
     horizon: Annotated[float, Field(gt=0)]
     max_translation: Annotated[float, Field(gt=0)]
@@ -183,7 +184,7 @@ class PolicySpec:
     scene: Annotated[SceneSpec, document_of(SceneSpec, "scene")] | None = None
     head: Head = "levels"
     window: int | None = None
-    width: _Count = 256
+    width: Annotated[int, Field(ge=1, le=4096)] = 256
     history: int = 0
     station: _Sha256 | None = None
     latency: tuple[_Delay, _Delay] = (0.0, 0.0)
@@ -192,14 +193,16 @@ class PolicySpec:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        most = math.inf if self.observes == "state" else self.frames - 1
+        most = _MOST if self.observes == "state" else self.frames - 1
         if not 0 <= self.history <= most:
-            allowed = "a whole number, 0 or more; of images less than frames"
+            allowed = f"a whole number, 0 to {_MOST}; of images less than frames"
             raise ParameterError(f"history: got {self.history!r}; allowed: {allowed}")
         low, high = np.array(self.pusher_low), np.array(self.pusher_high)
         shape, axes = (self.action_size,), " and ".join(self.task.axes)
         if low.shape != shape or high.shape != shape or not (low < high).all():
             raise ParameterError(f"pusher_low, pusher_high: got {low} and {high}; allowed: {axes}, m, low below high")
+        if math.prod(self.image_shape) > _MOST_SEEN:
+            raise ParameterError(f"camera, frames: got images {self.image_shape}; allowed: {_MOST_SEEN} values at most")
         if self.window is not None and not 1 <= self.window <= min(self.camera.width, self.camera.height):
             raise ParameterError(f"window: got {self.window!r}; allowed: 1 to the size of an image")
 
