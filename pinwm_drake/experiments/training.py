@@ -229,7 +229,7 @@ def method_of(request: TrainRequest, task: Task, spent: float = 0.0) -> Method:
     if request.method == "state":
         return replace(teacher, until=until, device=request.device)
     options = _with(
-        DistilOptions(),
+        DistilOptions() if left is None else DistilOptions.within_minutes(),
         rounds=request.rounds,
         round_images=request.images,
         updates=request.updates,

@@ -72,6 +72,14 @@ class DistilOptions(Options):
     mask: float = 0.0
     episodes: int = 64
 
+    @classmethod
+    def within_minutes(cls) -> "DistilOptions":
+        """Return settings for a budget of minutes: rounds of a third as many images, so that some of them fit.
+
+        The student acts from the second round on. A student of one round has seen nothing but where its teacher went.
+        """
+        return cls(rounds=10, round_images=8192, updates=300)
+
 
 def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: DistilOptions, run: StageRun) -> Policy:
     """Trains a policy of images.
@@ -117,7 +125,7 @@ def train_distil(env: VecEnv, teacher: Policy, spec: PolicySpec, options: Distil
             set_generator_state(generator, kept["generator"])
             losses = kept["losses"].tolist()
         frames.add(chunk)
-        for _ in _learn(student, optimizer, frames, augment, options, rounds.number, generator, losses):
+        for _ in _learn(student, optimizer, frames, augment, options, rounds, generator, losses):
             if rounds.due(env):
                 state = {"generator": generator_state(generator), "losses": np.array(losses)}
                 rounds.keep(env, pack(student, optimizer) | state)
@@ -198,7 +206,7 @@ def _learn(
     frames: Frames,
     augment: Augment,
     options: DistilOptions,
-    number: int,
+    rounds: Rounds,
     generator: np.random.Generator,
     losses: list[float],
 ) -> Iterator[None]:
@@ -206,7 +214,9 @@ def _learn(
     total, device = options.rounds * options.updates, device_of(student)
     errors = usual_errors(student.task, student.history, device)
     for update in range(len(losses), options.updates):
-        share = (number * options.updates + update) / total
+        # Of a budget of minutes that ends before the last round as well.
+        share = (rounds.number * options.updates + update) / total
+        share = max(share, min(rounds.spent(update / options.updates), 1.0))
         rate = options.learning_rate * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * share)))
         for group in optimizer.param_groups:
             group["lr"] = rate

@@ -230,6 +230,15 @@ class Rounds:
         enough = next(one for one in self.history if _as_good(one, best))
         return self.number >= self.total or self.number - 1 - enough.number >= patience
 
+    def spent(self, done: float) -> float:
+        """Share of the minutes that the stage may take, which is spent; 0 where there is no limit.
+
+        Args:
+            done: Share of the next round that is done; it takes as long as the last one.
+        """
+        before = self.history[-2].seconds if len(self.history) > 1 else 0.0
+        return (self.seconds + done * (self.seconds - before)) / (60.0 * self._run.until.minutes)
+
     def falling(self, last: float) -> float:
         """Share of the first learning rate that the next round has: it falls evenly from 1, to `last` after all."""
         return 1.0 - (1.0 - last) * self.number / self.total

@@ -10,7 +10,7 @@ from pinwm_drake.experiments.evaluation.run import evaluate
 from pinwm_drake.experiments.golden_samples import export_bundle
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.experiments.requests.train import TrainRequest
-from pinwm_drake.experiments.training import doubts, train, worlds_of
+from pinwm_drake.experiments.training import doubts, method_of, train, worlds_of
 from pinwm_drake.learning.policy import read_policy
 from pinwm_drake.systems.envs.policy_scene import spec_environment
 from pinwm_drake.systems.mpc.waypoints import WaypointOptions
@@ -219,3 +219,15 @@ def test_a_policy_that_sees_the_past_has_a_bundle_and_teaches_none_that_does_not
     request = TrainRequest("push_t", tmp_path / "run", teacher=sees_the_past / "teacher" / "policy", worlds=2)
     with pytest.raises(InputError, match="a history of 2; allowed: 0"):
         train(request)
+
+
+@pytest.mark.parametrize(("minutes", "rounds", "images"), [(None, 5, 24_576), (30.0, 10, 8192)])
+def test_a_budget_of_minutes_has_smaller_rounds_so_that_a_student_sees_where_it_goes_itself(
+    tmp_path, minutes, rounds, images
+):
+    request = TrainRequest("flip_mug", tmp_path, minutes=minutes)
+    options = method_of(request, worlds_of(request).setup.task).options
+    assert (options.rounds, options.round_images) == (rounds, images)
+    given = dataclasses.replace(request, images=100, rounds=2)
+    options = method_of(given, worlds_of(given).setup.task).options
+    assert (options.rounds, options.round_images) == (2, 100)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import gc
+import math
 import threading
 from types import SimpleNamespace
 
@@ -67,6 +68,22 @@ def test_the_time_that_is_left_is_that_of_the_budget_and_is_told_anew(tmp_path, 
     now[0] += 600.0
     rounds.tell(0.0)
     assert (told[-1].left, told[-1].done) == (0.0, pytest.approx(0.99))
+
+
+@pytest.mark.parametrize(("minutes", "shares"), [(10.0, (0.2, 0.3, 0.35)), (math.inf, (0.0, 0.0, 0.0))])
+def test_the_share_of_the_minutes_that_is_spent_counts_a_part_of_a_round_by_the_last_one(
+    tmp_path, monkeypatch, minutes, shares
+):
+    now = [100.0]
+    monkeypatch.setattr("pinwm_drake.learning.rounds.time", SimpleNamespace(monotonic=lambda: now[0]))
+    rounds = Rounds(StageRun(tmp_path, "stage", until=Until(minutes=minutes)), 10)
+    found = SimpleNamespace(success_rate=0.5, mean_steps=9.0)
+    assert rounds.spent(0.5) == 0.0  # nothing is known of the first one
+    for seconds, share in zip((120.0, 60.0), shares[:2], strict=True):
+        now[0] += seconds
+        rounds.end({}, torch.nn.Linear(1, 1), found, steps=1, loss=0.0)
+        assert rounds.spent(0.0) == pytest.approx(share)
+    assert rounds.spent(0.5) == pytest.approx(shares[2])
 
 
 def test_a_first_round_that_takes_longer_than_the_budget_is_waited_for(tmp_path, monkeypatch):
