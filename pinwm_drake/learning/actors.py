@@ -21,6 +21,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import cross_entropy, mse_loss
 
+from pinwm_drake.errors import require
 from pinwm_drake.learning.heading import Heading
 from pinwm_drake.learning.images.window import Window
 from pinwm_drake.learning.spec import PolicySpec
@@ -34,6 +35,7 @@ from pinwm_drake.tasks.task import Task
 _WAVES = 30.0
 _LOG_SPREADS = (-20.0, 2.0)  # as SB3's SAC has them
 _FEATURES = 192  # of images
+_LEAST = 4  # px, least side of what is seen of an image: that of the first layer's kernel
 _COARSE = 56  # px, side of a single image's window up to which the first layer takes steps of 2 px; else 4
 _FAR = 0.3  # m, unit of places that layers take
 # An action between two levels, such as one of a plan that is imitated, is done by chance while PPO tries it: with
@@ -223,7 +225,11 @@ class ImageActor(nn.Module):
     """
 
     def __init__(self, spec: PolicySpec) -> None:
-        """Make the layers for a specification of a policy that observes "rgb"."""
+        """Make the layers for a specification of a policy that observes "rgb".
+
+        Raises:
+            ParameterError: What the network sees of an image is too small for its first layer.
+        """
         super().__init__()
         height, width, channels = spec.image_shape
         self._frames = spec.frames if spec.history else 1  # that are seen one by one
@@ -245,6 +251,8 @@ class ImageActor(nn.Module):
             nn.ReLU(),
             nn.Flatten(),
         )
+        large = min(width, height) >= _LEAST
+        require("camera or window", f"{width} x {height} px", large, f"{_LEAST} px a side or more")
         with torch.no_grad():
             size = self.convolutions(torch.zeros(1, channels, height, width)).shape[1]
         self.features = nn.Sequential(nn.Linear(size, _FEATURES), nn.ReLU())

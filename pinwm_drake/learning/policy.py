@@ -2,6 +2,7 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -160,8 +161,9 @@ def read_parts(
     if not isinstance(document, dict) or document.get("schema_version") != version:
         raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
     try:
-        spec = PolicySpec.from_document(document.get("spec"))
-        policy, network = make(spec, document | {"provenance": dict(document.get("provenance") or {})})
+        spec, provenance = PolicySpec.from_document(document.get("spec")), dict(document.get("provenance") or {})
+        json.dumps(provenance, default=str, allow_nan=False)  # all numbers are finite
+        policy, network = make(spec, document | {"provenance": provenance})
     except (ParameterError, KeyError, TypeError, ValueError) as error:
         raise InputError(path, value=error, allowed=allowed) from error
     path = path.with_name(WEIGHTS_FILE)

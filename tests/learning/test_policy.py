@@ -9,6 +9,7 @@ from pinwm_drake.learning.actors import LEVELS, chosen
 from pinwm_drake.learning.policy import Policy, make_actor, read_policy, weights_digest, write_policy
 from pinwm_drake.learning.spec import PolicySpec
 from pinwm_drake.tasks.push import PushTask
+from tests.learning.bundles import image_spec, untrained_policy
 from tests.learning.toy_worlds import ToyWorlds, toy_spec
 
 
@@ -93,6 +94,7 @@ def test_a_policy_of_the_state_takes_the_state_alone_or_among_others():
         (lambda d: d["spec"]["task"].update(goal=[0.0, 1.0]), "task.goal"),
         (lambda d: d["spec"]["task"].update(name="juggle"), "juggle"),
         (lambda d: d["spec"].update(frames=1), "weights"),
+        (lambda d: d.update(provenance={"loss": float("nan")}), "not JSON compliant"),
     ],
 )
 def test_a_document_that_was_changed_is_refused(tmp_path, policy, change, message):
@@ -102,6 +104,14 @@ def test_a_document_that_was_changed_is_refused(tmp_path, policy, change, messag
     change(document)
     path.write_text(yaml.safe_dump(document))
     with pytest.raises(InputError, match=message):
+        read_policy(tmp_path)
+
+
+def test_images_that_are_smaller_than_the_first_layers_kernel_are_refused(tmp_path):
+    write_policy(tmp_path, untrained_policy(image_spec(16, 1)))
+    path = tmp_path / "policy.yaml"
+    path.write_text(path.read_text().replace("height: 16", "height: 1"))
+    with pytest.raises(InputError, match="camera or window: got 16 x 1 px; allowed: 4 px a side or more"):
         read_policy(tmp_path)
 
 
