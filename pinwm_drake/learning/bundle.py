@@ -30,7 +30,7 @@ from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.models import policy_path
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.reading.network import within
-from pinwm_drake.reading.trees import no_infinite, parse_json, parse_yaml
+from pinwm_drake.reading.trees import check_finite, no_infinite, parse_json, parse_yaml
 
 ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE, PROVENANCE_FILE = "policy.onnx", "contract.yaml", "golden.npz", "provenance.json"
 HASHED = (ONNX_FILE, CONTRACT_FILE, GOLDEN_FILE)
@@ -290,4 +290,5 @@ def _contract(path: Path, content: bytes) -> tuple[PolicySpec, SafetyLimits, dic
     if (differs := difference(shown, expected)) is not None:
         name, found, wanted = differs
         raise InputError(path, value=f"{name}: {found}", allowed=f"{wanted}, which follows from spec and safety")
+    check_finite(document, path)  # words may be other ones
     return spec, limits, document

@@ -2,7 +2,6 @@
 """A policy: a network with its specification, on disk as a folder of YAML and npz."""
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.learning.actors import ImageActor, state_actor
 from pinwm_drake.learning.spec import PolicySpec, seen_parts
 from pinwm_drake.learning.weights import device_of, set_weights, weights
+from pinwm_drake.reading.trees import check_finite
 
 POLICY_FILE, WEIGHTS_FILE = "policy.yaml", "weights.npz"
 _VERSION = 2
@@ -162,7 +162,7 @@ def read_parts(
         raise InputError(path, value="another document", allowed=f"{allowed}, with schema_version {version}")
     try:
         spec, provenance = PolicySpec.from_document(document.get("spec")), dict(document.get("provenance") or {})
-        json.dumps(provenance, default=str, allow_nan=False)  # all numbers are finite
+        check_finite(provenance, path)
         policy, network = make(spec, document | {"provenance": provenance})
     except (ParameterError, KeyError, TypeError, ValueError) as error:
         raise InputError(path, value=error, allowed=allowed) from error

@@ -90,6 +90,14 @@ def no_infinite(path: Path) -> Callable[[str], NoReturn]:
     return refused
 
 
+def check_finite(value: Any, path: Path) -> None:
+    """Raise InputError where plain data of a file holds NaN or an infinite number."""
+    try:
+        json.dumps(value, default=str, allow_nan=False)
+    except ValueError as error:
+        raise InputError(path, value="NaN or an infinite number", allowed="finite numbers") from error
+
+
 def parse_yaml(content: bytes | str, path: Path) -> Any:
     """Return the value of a YAML text of plain data, one document.
 

@@ -172,6 +172,12 @@ def test_a_contract_without_an_entry(folder):
     assert refused(folder, CONTRACT_FILE).startswith(": got limits: got None")
 
 
+def test_a_word_of_a_contract_that_is_nan(folder):
+    rewrite(folder / CONTRACT_FILE, lambda document: document["inputs"][0].update(meaning=float("nan")))
+    rehash(folder)
+    assert refused(folder, CONTRACT_FILE) == ": got NaN or an infinite number; allowed: finite numbers"
+
+
 def test_words_of_a_contract_may_be_other_ones(folder):
     rewrite(folder / CONTRACT_FILE, lambda document: document["inputs"][0].update(meaning="of a later version"))
     rewrite(folder / CONTRACT_FILE, lambda document: document.update(notes={}))

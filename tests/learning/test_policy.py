@@ -94,7 +94,7 @@ def test_a_policy_of_the_state_takes_the_state_alone_or_among_others():
         (lambda d: d["spec"]["task"].update(goal=[0.0, 1.0]), "task.goal"),
         (lambda d: d["spec"]["task"].update(name="juggle"), "juggle"),
         (lambda d: d["spec"].update(frames=1), "weights"),
-        (lambda d: d.update(provenance={"loss": float("nan")}), "not JSON compliant"),
+        (lambda d: d.update(provenance={"loss": float("nan")}), "got NaN or an infinite number; allowed: finite"),
     ],
 )
 def test_a_document_that_was_changed_is_refused(tmp_path, policy, change, message):
