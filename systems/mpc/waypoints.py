@@ -90,8 +90,8 @@ def find_waypoints(
     Random strokes are carried out in the worlds of the training. Sieves keep those with the largest mean reward, from
     more and more starts. A few that differ are made more robust by cross-entropy, with noise on their actions. The plan
     with the largest share of replays that do the task stays: states of these replays, and what it does there. More
-    replays begin anywhere, as after a try that failed: the pusher first goes past the object or over it, to where
-    episodes begin.
+    replays are further tries, which begin within replays that failed, or anywhere. The pusher first goes past the
+    object or over it, to where episodes begin.
 
     Sources: starts from the states of demonstrations as in Salimans and Chen, "Learning Montezuma's Revenge from a
         single demonstration" (2018), with all distances from the goal at once; noise on what is shown, not on what is
