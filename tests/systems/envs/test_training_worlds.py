@@ -206,7 +206,7 @@ def test_some_episodes_of_a_training_begin_as_after_a_try_that_failed():
 
     env.seed(1)
     env.reset()
-    assert 5 < behind().sum() < 40  # 0.1 of 200, and nearly all of these
+    assert 25 < behind().sum() < 65  # 0.25 of 200, and nearly all of these
     assert np.linalg.norm(env.worlds.run.object_state[:, 7:], axis=1).max() == 0.0
     with usual_starts(env):
         env.reset()
@@ -230,7 +230,7 @@ def test_velocities_in_a_training_of_flips_are_disturbed_in_shares_of_themselves
     assert np.abs(v[:128]).max() < 1e-3
     slower = 0.5 - 0.1 * 9.81 * env.setup.twin.theta["friction_floor"].value
     assert v[128:].mean(0) == pytest.approx([slower, 0.0, 0.0], abs=0.02)
-    assert v[128:].std(0) == pytest.approx(np.full(3, 0.1 * slower), rel=0.2)
+    assert v[128:].std(0) == pytest.approx(np.full(3, 0.03 * slower), rel=0.2)
     assert TrainingWorlds("push_t", num_worlds=1).worlds("state").worlds.disturbance == 0.0
 
 
