@@ -5,6 +5,7 @@ import json
 import math
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -57,28 +58,31 @@ YamlDumper.add_implicit_resolver(*YAML_FLOAT)
 YamlDumper.add_representer(str, _text_node)
 
 
-def parse_json(content: bytes | str, path: Path, *, not_finite: Callable[[str], Any] = float) -> Any:
+def parse_json(content: bytes | str, path: Path, *, not_finite: Callable[[str], Any] | None = None) -> Any:
     """Return the value of a JSON text.
 
     Args:
         content: The text.
         path: Path that messages name.
-        not_finite: What becomes of NaN and infinite numbers; called with their texts.
+        not_finite: What becomes of NaN and infinite numbers, called with their texts; None for numbers as they are.
 
     Raises:
         InputError: It is no JSON, too long, or too deep; the message names the line.
     """
     text = _short(content, path, MOST_JSON)
 
-    def number(digits: str) -> Any:
-        return found if math.isfinite(found := float(digits)) else not_finite(digits)
-
+    number = None if not_finite is None else partial(_number, not_finite)
     with guarded(path, "JSON"):
         _check_brackets(text, path)
         try:
             return json.loads(text, parse_constant=not_finite, parse_float=number)
         except json.JSONDecodeError as error:
             raise InputError(path, row=error.lineno, value=error.msg, allowed="JSON") from error
+
+
+def _number(not_finite: Callable[[str], Any], digits: str) -> Any:
+    """Number of its digits, or what becomes of one that is not finite."""
+    return found if math.isfinite(found := float(digits)) else not_finite(digits)
 
 
 def no_infinite(path: Path) -> Callable[[str], NoReturn]:

@@ -28,7 +28,7 @@ class Recipe:
             them: as far as engines differ, where little things have other outcomes.
         continued: Share of the episodes of a training that begin where the one before met its time limit.
         retries: Share of the other episodes of a training that begin as after a try that failed: the object lies, the
-            pusher is on any side of it.
+            pusher is on any side of it or over it.
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.

@@ -88,7 +88,7 @@ class Worlds:
             policy learns to try again; 0 at first, and within `usual_starts`. An object that the pusher cannot reach
             begins anew.
         retries: Share of the other episodes of a training that begin as after a try that failed, with the pusher on any
-            side of the object: `StartDistribution.anywhere`; 0 at first, and within `usual_starts`.
+            side of the object or over it: `StartDistribution.anywhere`; 0 at first, and within `usual_starts`.
         disturbance: Standard deviation of what is added to the object's velocities after an action, in shares of them;
             0 at first.
         light: Largest share of its colour that the darkest side of the object loses in the light of an episode; the

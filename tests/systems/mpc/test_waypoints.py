@@ -169,4 +169,18 @@ def test_less_noise_is_tried_where_few_replays_do_the_task_and_counts_less(world
     searching._keep(np.zeros((9, 3)), np.random.default_rng(0))
     assert searching.best.share == pytest.approx(kept)
     assert sorted(set(tried), reverse=True) == pytest.approx([QUICK.noise / 2**k for k in range(levels)])
-    assert len(tried) == QUICK.replays * (levels + search._AGAIN * (kept > 0.0))  # further tries have the last one
+    assert len(tried) == QUICK.replays * (levels + 8 * (kept > 0.0))  # further tries have the last one
+
+
+def test_further_tries_begin_within_replays_that_failed(worlds):
+    searching = search._Search(worlds, QUICK, 3)
+    lift = np.zeros((9, 3))
+    lift[:2, 2] = 1.0  # straight up, beside the cube, which stays where it is
+    tries = searching._failed(lift, 0.0, np.random.default_rng(0))
+    assert 5 < len(tries) < 16  # 0.7 of 16
+    now = searching._replays.run.object_state
+    for world, one in tries.items():
+        np.testing.assert_allclose(one.object_state, now[world], atol=1e-3)
+        np.testing.assert_allclose(one.X_WO.translation(), one.object_state[4:7], atol=1e-3)
+        assert one.p_WP[2] > one.begun[2] + 0.1
+        assert np.linalg.norm((one.p_WP - one.begun)[:2]) < 0.02  # the side of the cube where episodes begin
