@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, closing
@@ -14,6 +15,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Generic, Protocol, TypeVar
 
 from pinwm_drake.errors import ParameterError, PinwmError, require_package
+from pinwm_drake.memory import memory
 from pinwm_drake.threads import LIMIT, available, one_torch_thread
 
 JOBLIB, RAY = "joblib", "ray"
@@ -25,6 +27,7 @@ Result = TypeVar("Result")
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", LIMIT), "1"
 )
+_WORKER_MEMORY = 512 * 2**20  # bytes: 350 to 450 MB with Drake, torch and a scene
 _RAY_RETRIES = 3  # of a task whose worker ended by itself
 
 
@@ -51,8 +54,8 @@ class Executor:
 
     Attributes:
         name: "joblib" or "ray".
-        workers: Processes, each with one thread of torch, numba and BLAS; None for one on each core. With joblib, one
-            worker is the process itself.
+        workers: Processes, each with one thread of torch, numba and BLAS; None for one on each core, and with joblib no
+            more than the free memory has room for, which a warning says. With joblib, one worker is the process itself.
         option: What messages call the number of workers.
 
     Raises:
@@ -133,8 +136,27 @@ class Executor:
             raise errors[0]
         return [found[k] for k in range(len(items))]
 
+    def number(self, items: int) -> int:
+        """Return the number of processes for so many items."""
+        wanted = min(self.workers or available(), items)
+        return wanted if self.workers else min(wanted, self._room(wanted))
+
+    def _room(self, wanted: int) -> int:
+        """Processes that the free memory has room for, at least one; all that are wanted where they are elsewhere."""
+        total, free = memory()
+        known = self.name == JOBLIB and total > 0 and wanted > 1
+        return max(1, int(free / _WORKER_MEMORY)) if known else wanted
+
+    def _warned(self, items: int) -> int:
+        """Return the number of processes; warns where memory may be short for all that are wanted."""
+        wanted, number = min(self.workers or available(), items), self.number(items)
+        if (room := self._room(wanted)) < wanted:
+            words = f"{self.option}: got {wanted}" if self.workers else f"{self.option}: {number} in place of {wanted}"
+            warnings.warn(f"{words}; free memory has room for {room}", UserWarning, stacklevel=2)
+        return number
+
     def _share(self, work: "_Work", items: dict[int, Any], order: "_Order", any_kept: bool) -> "_Done":
-        workers = min(self.workers or available(), len(items))
+        workers = self._warned(len(items))
         try:
             if self.name == RAY and items:
                 yield from _with_ray(work, items, order, workers)

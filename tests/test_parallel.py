@@ -92,6 +92,19 @@ def test_the_number_of_workers_is_that_of_the_processes(name):
     assert Executor(name, 2).map(half, []) == []
 
 
+def test_processes_of_the_default_are_no_more_than_memory_has_room_for(monkeypatch):
+    monkeypatch.setattr("pinwm_drake.parallel.available", lambda: 4)
+    monkeypatch.setattr("pinwm_drake.parallel.memory", lambda: (1 << 30, 700 << 20))
+    assert Executor().number(9) == 1
+    assert Executor(workers=2).number(9) == 2
+    with pytest.warns(UserWarning, match="--workers: 1 in place of 4; free memory has room for 1"):
+        assert Executor().map(half, [2, 4, 6, 8]) == [1, 2, 3, 4]
+    with pytest.warns(UserWarning, match="--workers: got 2; free memory has room for 1"):
+        assert Executor(workers=2).map(half, [2, 4]) == [1, 2]
+    monkeypatch.setattr("pinwm_drake.parallel.memory", lambda: (0.0, 0.0))
+    assert Executor().number(9) == 4
+
+
 def test_results_of_a_store_are_not_computed_again(name, store):
     function, told = partial(logged, store.path), []
     assert Executor(name, 2).map(function, [3, 1], store=store) == [1.5, 0.5]

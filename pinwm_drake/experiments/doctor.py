@@ -21,6 +21,7 @@ from typing import Literal
 from packaging.requirements import InvalidRequirement, Requirement
 
 import pinwm_drake
+from pinwm_drake.memory import CGROUPS, memory
 from pinwm_drake.threads import LIMIT, available
 
 Status = Literal["ok", "slow", "broken"]
@@ -39,7 +40,6 @@ _LEAST_MEMORY, _LEAST_DISK = 2 * _GIB, _GIB  # bytes
 _BUSY = 1.5  # load for each core above which other work slows this down
 _FIRST_PORT, _PORTS = 7000, 100  # of Meshcat
 _PATIENCE = 60.0  # s, for the first picture
-_CGROUPS = Path("/sys/fs/cgroup")
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _affinity() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def cpu_quota(root: Path = _CGROUPS) -> float | None:
+def cpu_quota(root: Path = CGROUPS) -> float | None:
     """Return the number of cores that the container's control group allows; None where it sets no limit."""
     with suppress(OSError, ValueError):  # version 2
         quota, period = (root / "cpu.max").read_text().split()
@@ -178,32 +178,13 @@ def check_threads() -> Finding:
 
 def check_memory() -> Finding:
     """Check the memory that is free, by the machine and by the container's control group."""
-    total, free = _memory()
+    total, free = memory()
     found = f"{free / _GIB:.1f} of {total / _GIB:.1f} GiB free" if total else "not known on this system"
     if total and free < _LEAST_MEMORY:
         return Finding(
             "memory", "slow", found, "end other processes; fewer --worlds, --workers or --processes need less"
         )
     return Finding("memory", "ok", found)
-
-
-def _memory(root: Path = _CGROUPS) -> tuple[float, float]:
-    """Total and free memory [bytes]; zeros where the system does not tell."""
-    amounts: dict[str, float] = {}
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            name, _, rest = line.partition(":")
-            amounts[name] = 1024.0 * float(rest.split()[0])
-    total, free = amounts.get("MemTotal", 0.0), amounts.get("MemAvailable", 0.0)
-    for limit, used in (
-        ("memory.max", "memory.current"),
-        ("memory/memory.limit_in_bytes", "memory/memory.usage_in_bytes"),
-    ):
-        with suppress(OSError, ValueError):  # "max" is no number
-            most = float((root / limit).read_text())
-            if most < total:
-                total, free = most, min(free, most - float((root / used).read_text()))
-    return total, free
 
 
 def check_kernels() -> Finding:

@@ -170,15 +170,15 @@ _rigs: dict[str, dict[str, SceneRig]] = {}  # of a process: those of the last ca
 
 
 def run_trials(
-    cases: Cases, trials: Sequence[Trial], *, processes: int = 1, report: Callable[[], None] = lambda: None
+    cases: Cases, trials: Sequence[Trial], *, processes: int | None = 1, report: Callable[[], None] = lambda: None
 ) -> list[dict[str, Motion]]:
     """Run every push in every engine.
 
     Args:
         cases: Setups of the engines; see `Cases`.
         trials: The pushes.
-        processes: Number of processes that share the pushes, 1 or more; with one thread each. Results do not depend on
-            it.
+        processes: Number of processes that share the pushes, 1 or more, with one thread each; None for one a core, as
+            memory allows. Results do not depend on it.
         report: Called after each push.
 
     Returns:

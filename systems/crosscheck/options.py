@@ -3,7 +3,6 @@
 
 import dataclasses
 import math
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -29,7 +28,7 @@ class CrossCheckOptions:
     pushes: Annotated[
         int, option("Number of random pushes, or of pokes for a flip.", group=BUDGET, ge=1, le=10_000)
     ] = 20
-    processes: Annotated[int, Field(ge=1, le=64)] = 1
+    processes: Annotated[int | None, Field(ge=1, le=64)] = 1
     threshold_translation: Annotated[
         float, option("Largest median difference of the resting position.", group=LAB, unit="m", gt=0, le=1)
     ] = 3e-3
@@ -60,7 +59,7 @@ class CrossCheckRequest:
     more: Annotated[tuple[str, ...], argument("Further engines, as in --engine hydroelastic point.", "ENGINE")] = ()
     options: Annotated[CrossCheckOptions, FLATTEN] = dataclasses.field(default_factory=CrossCheckOptions)
     processes: Annotated[
-        int | None, option("Number of processes that share the pushes.", group=BUDGET, default="2, or 1 on one core")
+        int | None, option("Processes that share the pushes.", group=BUDGET, default="one a core, within free memory")
     ] = None
     truth: Annotated[
         Path | None,
@@ -73,7 +72,6 @@ class CrossCheckRequest:
     ] = None
 
     def resolved(self) -> CrossCheckOptions:
-        """Options with all engines and a number of processes."""
+        """Options with all engines and the number of processes; None for one a core, within free memory."""
         engines = self.options.engines if self.options.engines != PLANTS or not self.more else ()
-        processes = min(2, os.cpu_count() or 1) if self.processes is None else self.processes
-        return dataclasses.replace(self.options, engines=(*engines, *self.more), processes=processes)
+        return dataclasses.replace(self.options, engines=(*engines, *self.more), processes=self.processes)

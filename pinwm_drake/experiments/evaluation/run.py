@@ -25,7 +25,6 @@ from pinwm_drake.report.evaluation.episode import EpisodeRecord
 from pinwm_drake.report.evaluation.report import EvaluationStory, write_evaluation_report
 from pinwm_drake.report.video import write_video
 from pinwm_drake.systems.scenario.load import scene_hash
-from pinwm_drake.threads import available
 
 EPISODES = "episodes"
 SUMMARY_FILE, TABLE_FILE, VIDEO_FILE, REPORT_FILE = "evaluation.json", "episodes.csv", "episodes.mp4", "report.html"
@@ -65,7 +64,7 @@ def evaluate(
     Args:
         request: The policy, its scene and the episodes.
         out: Folder of the results; made if need be.
-        workers: Processes, which do not change the results; None for one on each core.
+        workers: Processes, which do not change the results; None for one on each core, as memory allows.
         executor: "joblib" or "ray", which runs them.
         resume: Whether to go on with the episodes that are in `out`.
         progress: Called before the first episode, after each, and while film and report are drawn.
@@ -78,7 +77,6 @@ def evaluate(
     """
     out = Path(out)
     require("--workers", workers, workers is None or workers >= 1, "1 or more")
-    workers = workers or available()
     processes = Executor(executor, workers=workers)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
@@ -88,7 +86,7 @@ def evaluate(
         store = EpisodeStore(out / EPISODES, settings, resume=resume)
         records = _run_all(runner, request, store, processes, progress)
         evaluation = _evaluation(records)
-        provenance = provenance_of(request, contestant, runner.env, records, workers)
+        provenance = provenance_of(request, contestant, runner.env, records, processes.number(request.episodes))
         write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
         write_episodes(out / TABLE_FILE, records, lying(runner.env))
         done = len(records)

@@ -115,7 +115,7 @@ class EvaluateRun:
         option("Folder for evaluation.json, episodes.csv, episodes.mp4, report.html.", "--out", "-o", result="inside"),
     ] = Path("evaluation")
     workers: Annotated[
-        int | None, option("Processes that share the episodes.", group=BUDGET, ge=1, default="one a core")
+        int | None, option("Processes of the episodes.", group=BUDGET, ge=1, default="one a core, within free memory")
     ] = None
     executor: Annotated[Literal["joblib", "ray"], option("Library that runs the processes.", group=ADVANCED)] = "joblib"
     resume: Annotated[bool, option("Continue an interrupted run.", group=BUDGET)] = False

@@ -85,7 +85,9 @@ class ReproduceRun:
     report: Annotated[Path | None, option("Markdown file of the report.", group=DATA, default="OUT/report.md")] = None
     plan_only: Annotated[bool, option("Print the plan and end.", "--plan")] = False
     resume: Annotated[bool, option("Continue with the cells that are already made.", group=BUDGET)] = True
-    workers: Annotated[int | None, option("Number of processes.", group=BUDGET, default="one a core")] = None
+    workers: Annotated[
+        int | None, option("Number of processes.", group=BUDGET, default="one a core, within free memory")
+    ] = None
     executor: Annotated[Literal["joblib", "ray"], option("Library that runs the processes.", group=ADVANCED)] = "joblib"
 
     def resolved(self) -> ReproduceRequest:
