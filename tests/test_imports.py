@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # A line may import only from the lines above it, and from itself. `models` is data with a small accessor.
 LINES = (
     {"errors"},
-    {"files", "reading", "jit", "nearest", "pace", "threads", "provenance", "validation"},
+    {"files", "reading", "jit", "memory", "nearest", "pace", "threads", "provenance", "validation"},
     {"checkpoints", "kernel_cache", "parallel", "documents", "request"},
     {"models"},
     {"spatial"},
