@@ -18,9 +18,10 @@ from torch import Tensor
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry
 from pinwm_drake.errors import ModelError, StateError
+from pinwm_drake.geometry.floor import LYING
 from pinwm_drake.geometry.meshes import load_mesh, mass_properties
 from pinwm_drake.geometry.patch import FACES_POINTS, PATCH_POINTS, supporting_points
-from pinwm_drake.geometry.pieces import CYLINDER, ConvexPiece
+from pinwm_drake.geometry.pieces import CYLINDER, IF_LYING, ConvexPiece
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, acting_points
 from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
@@ -69,7 +70,8 @@ def make_scene(
         time_step: s.
         support: "corners" carries the object's weight on the corners of its convex pieces, "patch" on points
             within the face that it rests on, as uniform pressure does; see `geometry/patch.py`. "faces" has a third as
-            many points, which takes less than two thirds of the time: objects land alike, and slide less exactly.
+            many points, which takes less than two thirds of the time: objects land alike, and slide less exactly. A
+            line on which a round piece lies has two points in either.
         acts_as: Primitives with which the object touches, frame O, as `stored_pieces.mesh_primitives` finds them; none
             for those of its mesh. Its mass properties stay those of the mesh.
 
@@ -99,6 +101,7 @@ def make_scene(
         mass=1.0,
         inertia=0.5 * (properties.inertia + properties.inertia.T),
         floor_points=points,
+        even_lines=support != "corners",
     )
     model = Model(
         bodies=[body],
@@ -126,7 +129,10 @@ def resting_height(scene: Scene, q_WO: Tensor) -> float:
     floor = scene.model.floor_height
     R_WO = quaternion_to_matrix(q_WO).numpy()
     table = scene.model.arrays.table
-    points = table.floor_points[: table.bodies[1, 1]]  # those of the first body, frame B
+    # Those of the first body, frame B; those on an axis are of one that lies, and stand out as those of faces do.
+    own = slice(table.bodies[1, 1])
+    level = np.abs(table.floor_faces[own] @ R_WO[2]) < LYING
+    points = table.floor_points[own][(table.floor_owners[own] != IF_LYING) | level]
     # Of a rim that is tilted the lowest point is not among those fixed on it.
     rims = [_lowest(piece, R_WO[2]) for piece in scene.model.bodies[0].pieces if piece.kind == CYLINDER]
     lowest = min(float((points[:, :3] @ R_WO[2] - points[:, 3]).min()), *rims, np.inf)

@@ -5,7 +5,15 @@ import math
 
 from pinwm_drake.geometry.contact.cylinder_parts import rim_axes
 from pinwm_drake.geometry.features import CIRCLE, PLANE, POINT
-from pinwm_drake.geometry.pieces import ANYHOW, CYLINDER, IF_FLAT, MAX_FLOOR_POINTS, RIM_CORNERS, UNLESS_FLAT
+from pinwm_drake.geometry.pieces import (
+    ANYHOW,
+    CYLINDER,
+    IF_FLAT,
+    IF_LYING,
+    MAX_FLOOR_POINTS,
+    RIM_CORNERS,
+    UNLESS_FLAT,
+)
 from pinwm_drake.geometry.rows import write_part
 from pinwm_drake.geometry.vectors import dot, norm, rotate_back, xyz
 from pinwm_drake.jit import internal_kernel, large_internal_kernel
@@ -25,7 +33,7 @@ _MIN_TILT = 1.0e-4
 # one that lies rolls on what is round, and one that tips lies on a corner from 0.06 rad on.
 _INSET, _MOST_INSET = 0.02, 0.25
 # Sine of the tilt off lying from which on the round side is beyond reach: a corner is lower by 0.28 % of the radius.
-_LYING = 0.2
+LYING = 0.2
 # Places that are nearer than this are the same corner, m.
 _SAME_PLACE = 1.0e-9
 
@@ -69,13 +77,13 @@ def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, r
     # The change of a point's height in that time is (dx, dy, dz) . p + fall.
     dx, dy, dz = rotate_back(R_WB, -h * V[1], h * V[0], 0.0)
     later = (ux + dx, uy + dy, uz + dz, lift + h * V[5])
-    # The points of a face carry it together, none of them can stand for others.
+    # The points of a face or line carry it together, none of them can stand for others.
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
-        if table.floor_owners[i] == IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
+        if table.floor_owners[i] <= IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
             count = _append_point(table, i, spread, floor_height, rows, count)
     first = count
     for i in range(table.bodies[body, 1], table.bodies[body + 1, 1]):
-        if table.floor_owners[i] != IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
+        if table.floor_owners[i] > IF_FLAT and _gap(table, i, spread, ux, uy, uz, lift) < margin:
             if count - first == MAX_FLOOR_POINTS:
                 count = _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, rows, first)
                 break
@@ -88,16 +96,19 @@ def collide_floor(table, body, spread, R_WB, p_WB, V, h, floor_height, margin, r
 
 @internal_kernel
 def spread_point(table, i, spread):
-    """Floor point with the pressure on its face spread by factors (3,) along the axes of B: (x, y, z), m.
+    """Floor point with the pressure on its face or line spread by factors (3,) along the axes of B: (x, y, z), m.
 
-    A point of a face goes from x to x + P (D - 1) r: D = diag(spread), r is its place about the foot of B's origin on
-    the face, and P projects onto the face. Other points stay.
+    It goes from x to x + P (D - 1) r: D = diag(spread), r is its place about the foot of B's origin on the face or
+    line, and P projects onto that. Other points stay.
     """
     x, y, z = xyz(table.floor_points, i)
-    if table.floor_owners[i] != IF_FLAT:
+    if table.floor_owners[i] > IF_FLAT:
         return x, y, z
     nx, ny, nz = xyz(table.floor_faces, i)
     k = dot(nx, ny, nz, x, y, z)
+    if table.floor_owners[i] == IF_LYING:
+        k *= (spread[0] - 1.0) * nx * nx + (spread[1] - 1.0) * ny * ny + (spread[2] - 1.0) * nz * nz
+        return x + k * nx, y + k * ny, z + k * nz
     ex, ey, ez = (spread[0] - 1.0) * (x - k * nx), (spread[1] - 1.0) * (y - k * ny), (spread[2] - 1.0) * (z - k * nz)
     k = dot(nx, ny, nz, ex, ey, ez)
     return x + ex - k * nx, y + ey - k * ny, z + ez - k * nz
@@ -106,11 +117,16 @@ def spread_point(table, i, spread):
 @internal_kernel
 def spread_adjoint(table, i, gx, gy, gz, bar):
     """Adjoint of `spread_point`: adds to bar (3,) the gradient by the factors, from that (gx, gy, gz) by the point."""
-    if i < 0 or table.floor_owners[i] != IF_FLAT:
+    if i < 0 or table.floor_owners[i] > IF_FLAT:
         return
     x, y, z = xyz(table.floor_points, i)
     nx, ny, nz = xyz(table.floor_faces, i)
     k, g = dot(nx, ny, nz, x, y, z), dot(nx, ny, nz, gx, gy, gz)
+    if table.floor_owners[i] == IF_LYING:
+        bar[0] += k * nx * nx * g
+        bar[1] += k * ny * ny * g
+        bar[2] += k * nz * nz * g
+        return
     bar[0] += (x - k * nx) * (gx - g * nx)
     bar[1] += (y - k * ny) * (gy - g * ny)
     bar[2] += (z - k * nz) * (gz - g * nz)
@@ -123,7 +139,10 @@ def _gap(table, i, spread, ux, uy, uz, lift):
     if piece < ANYHOW:
         nx, ny, nz = xyz(table.floor_faces, i)
         down = -dot(nx, ny, nz, ux, uy, uz)
-        if (down > _FLAT) if piece == UNLESS_FLAT else (down < _NEARLY_FLAT):
+        if piece == IF_LYING:
+            if abs(down) > LYING:
+                return math.inf
+        elif (down > _FLAT) if piece == UNLESS_FLAT else (down < _NEARLY_FLAT):
             return math.inf
     if piece >= 0:
         ax, ay, az = xyz(table.axes, piece)
@@ -168,7 +187,7 @@ def _reduce(table, body, spread, ux, uy, uz, lift, later, floor_height, margin, 
         rows[first + k, 0], rows[first + k, 1] = -1.0, math.inf
     deepest, depth = -1, math.inf
     for i in range(start, end):
-        gap = math.inf if table.floor_owners[i] == IF_FLAT else _gap(table, i, spread, ux, uy, uz, lift)
+        gap = math.inf if table.floor_owners[i] <= IF_FLAT else _gap(table, i, spread, ux, uy, uz, lift)
         if gap >= margin:
             continue
         if gap < depth - _SAME_DEPTH:
@@ -217,7 +236,7 @@ def _append_rims(table, piece, ux, uy, uz, lift, later, floor_height, margin, ro
         # The axis of a rim points out of the cylinder.
         sign = 2.0 * end - 1.0
         low = dot(ux, uy, uz, x, y, z) + lift - radius * tilt
-        if abs(cosine) < _LYING and low - sign * inset * cosine < margin and count < rows.shape[0]:
+        if abs(cosine) < LYING and low - sign * inset * cosine < margin and count < rows.shape[0]:
             k = sign * inset
             write_part(
                 rows, count, 0, CIRCLE, x - k * ax, y - k * ay, z - k * az, sign * ax, sign * ay, sign * az, radius

@@ -15,7 +15,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.optimize import least_squares
 
 from pinwm_drake.geometry.meshes import mass_properties
-from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, UNLESS_FLAT
+from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, PROTRUSION, UNLESS_FLAT
 
 # A face is flat where its triangles lie this near to the lowest point [m] and are this level (sine of the tilt).
 _FLAT, _LEVEL = 2e-4, 0.05
@@ -31,8 +31,6 @@ _CENTRES, _COVER = 9, 1.5
 _HELD = 0.2
 # Corners this near to the face's plane [m] belong to its outline.
 _CHAMFER = 2e-3
-# The points stand out of the face by this much [m], so that its outline touches only once the object tips.
-PROTRUSION = 1e-5
 _OUTLINE = 4
 # Sides of the convex hull whose planes are as near as this are one side: sine of the angle.
 _SAME_SIDE = 1e-3

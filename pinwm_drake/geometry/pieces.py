@@ -24,8 +24,15 @@ RIM_CORNERS = 64
 MAX_FLOOR_POINTS = 16
 
 # When a point that belongs to no rim can touch the floor: always; unless its face lies on the floor, which has others
-# to carry it; or only while that face is nearly on it.
-ANYHOW, UNLESS_FLAT, IF_FLAT = -1, -2, -3
+# to carry it; only while that face is nearly on it; or only while the axis of its round piece is nearly level.
+ANYHOW, UNLESS_FLAT, IF_FLAT, IF_LYING = -1, -2, -3, -4
+# Two points carry the line on which a round piece lies, at this share of its half length: under even pressure a line
+# that turns about its middle meets the friction torque of 0.5, one that slides along itself and turns that of 0.577.
+EVEN_SHARE = 0.53
+# Round pieces shorter than this share of their diameter lie on a line that hardly counts.
+_SHORT = 0.25
+# Points of faces and lines stand out by this much [m], so that outlines and ends touch only once the object tips.
+PROTRUSION = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +91,16 @@ class PieceTable(NamedTuple):
     # of all hulls (of their common convex hull, where they are many), the centres of spheres, the ends of
     # capsules, and points fixed on the rims of cylinders
     floor_points: np.ndarray
-    floor_owners: np.ndarray  # (Q,). Piece of the cylinder for a point on a rim; else ANYHOW, UNLESS_FLAT or IF_FLAT
-    floor_faces: np.ndarray  # (Q, 3). Outward unit normal of the flat face that the last two belong to, else zeros
+    floor_owners: np.ndarray  # (Q,). Piece of the cylinder for a point on a rim; else ANYHOW to IF_LYING
+    # (Q, 3). Outward unit normal of the flat face of UNLESS_FLAT and IF_FLAT, unit axis of IF_LYING, else zeros
+    floor_faces: np.ndarray
 
 
-def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[np.ndarray | None] = ()) -> PieceTable:
+def pack_pieces(
+    pieces_of_body: list[list[ConvexPiece]],
+    floor_points: Sequence[np.ndarray | None] = (),
+    even_lines: Sequence[bool] = (),
+) -> PieceTable:
     """Packs the pieces of all bodies into one table.
 
     Args:
@@ -97,6 +109,8 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
             with when each counts (ANYHOW, UNLESS_FLAT or IF_FLAT) and its face (see `PieceTable`), beyond those of its
             round pieces; or None for those of all its pieces. Bodies beyond the end of the sequence have none of their
             own.
+        even_lines: For each body whether the pressure is even on a line on which a round piece lies; otherwise, and
+            beyond the end of the sequence, its ends carry it.
 
     Returns:
         The table; bodies, pieces and vertices keep their order.
@@ -126,6 +140,8 @@ def pack_pieces(pieces_of_body: list[list[ConvexPiece]], floor_points: Sequence[
         _floor_points(body, int(first_piece[b])) if own is None else _own_floor_points(own, body, int(first_piece[b]))
         for b, (body, own) in enumerate(zip_longest(pieces_of_body, floor_points))
     ]
+    for b, even in enumerate(even_lines):
+        floors[b] = _with_lines(floors[b], pieces_of_body[b]) if even else floors[b]
 
     def shifted(block: np.ndarray, *shifts: np.ndarray) -> np.ndarray:
         return np.asarray(block + np.array(shifts))
@@ -224,7 +240,11 @@ def _union_sphere(spheres: np.ndarray) -> np.ndarray:
     return np.append(center, np.max(np.linalg.norm(centers - center, axis=1) + radii[:, 0]))
 
 
-def _floor_points(body: list[ConvexPiece], first_piece: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+# Of a body: points with radii (n, 4), owners (n,), and faces or axes (n, 3).
+_Floor = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def _floor_points(body: list[ConvexPiece], first_piece: int) -> _Floor:
     """Return the points of one body that a plane can touch, with their radii, their owners and faces."""
     from scipy.spatial import ConvexHull
 
@@ -284,6 +304,27 @@ def _own_floor_points(
         raise GeometryError(f"floor point {row} counts when {points[row, 3]:g}; allowed: ANYHOW, UNLESS_FLAT, IF_FLAT")
     faces = np.pad(points[:, 4:].astype(float), ((0, len(rounded)), (0, 0)))
     return placed, np.append(points[:, 3].astype(np.int64), rounded_owners), faces
+
+
+def line_points(piece: ConvexPiece) -> np.ndarray | None:
+    """Points (2, 3) m on the axis of a round piece that carry it where it lies, as even pressure does; or None."""
+    length = _axis(piece)[3]
+    if length <= 2.0 * _SHORT * piece.radius:
+        return None
+    first, last = piece.vertices
+    half = EVEN_SHARE * 0.5 * (last - first)
+    return np.asarray(0.5 * (first + last) + np.array([-half, half]))
+
+
+def _with_lines(floor: _Floor, body: list[ConvexPiece]) -> _Floor:
+    """Return the floor points of a body with those of `line_points`, as thick as their pieces."""
+    points, owners, faces = floor
+    for i in touching_pieces(body):
+        if (rows := line_points(body[i])) is not None:
+            thick = np.pad(rows, ((0, 0), (0, 1)), constant_values=body[i].radius + PROTRUSION)
+            points, owners = np.concatenate([points, thick]), np.append(owners, [IF_LYING] * 2)
+            faces = np.concatenate([faces, [_axis(body[i])[:3]] * 2])
+    return points, owners, faces
 
 
 def rim_points(cylinder: ConvexPiece) -> np.ndarray:

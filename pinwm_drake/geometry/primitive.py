@@ -437,14 +437,23 @@ def _wall(mesh: trimesh.Trimesh, pieces: Sequence[ConvexPiece]) -> Primitive | N
         inside = [one for one in pieces if np.linalg.norm((one.vertices @ R)[:, :2] - center, axis=1).max() < reach]
         if not inside or len(inside) == len(pieces):
             continue
-        found = fit(np.concatenate([piece.vertices for piece in inside]))
+        corners = np.concatenate([piece.vertices for piece in inside])
+        found = fit(corners) or _without_outstanding(corners)
         if found is None or found.kind != "cylinder" or not _side_is_of(found, inside):
             continue
         own = _areas(found, mesh)
-        whole = _areas(found, trimesh.convex.convex_hull(np.concatenate([piece.vertices for piece in inside])))
+        whole = _areas(found, trimesh.convex.convex_hull(corners[found.depth(corners) > -_BAND * found.tolerance]))
         closed = own > (1.0 - _OPEN) * whole
         return replace(found, open_ends=(not closed[1], not closed[2]))
     return None
+
+
+def _without_outstanding(corners: np.ndarray) -> Primitive | None:
+    """Primitive of the corners (n, 3) of a wall without those that stand out of it, as of a handle's root; or None."""
+    hull = trimesh.convex.convex_hull(corners)
+    found = [_fitted("cylinder", hull, _about(axis)) for axis in _axes(hull, _sides(hull))]
+    rough = min((one for one in found if one is not None), key=lambda one: one.deviation, default=None)
+    return None if rough is None else fit(corners[rough.depth(corners) > -rough.tolerance])
 
 
 def _most_round(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, float]:

@@ -38,6 +38,7 @@ class Body:
         inertia: (3, 3), nominal inertia about the centre of mass, axes of B, kg m^2.
         floor_points: (n, 3), points with which it touches the floor, frame B, m, or (n, 7) with their owners and faces
             (see `geometry.patch.supporting_points`); None for those of its pieces.
+        even_lines: whether the pressure is even on a line on which a round piece lies; otherwise its ends carry it.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Body:
     mass: float
     inertia: np.ndarray
     floor_points: np.ndarray | None = None
+    even_lines: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +213,9 @@ class Model:
         ]
         masses = np.array([body.mass for body in self.bodies])
         weight = np.array([[body.mass * radius[i] ** 2, body.mass] for i, body in enumerate(self.bodies)])
-        table = pack_pieces(all_pieces, [body.floor_points for body in self.bodies])
+        table = pack_pieces(
+            all_pieces, [body.floor_points for body in self.bodies], [body.even_lines for body in self.bodies]
+        )
         owners = np.split(table.floor_owners, table.bodies[1:-1, 1])
         rims = np.array([any(piece.kind == CYLINDER for piece in body.pieces) for body in self.bodies])
         compliance = self.compliance / float(masses.mean())

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from pinwm_drake.errors import SolverError
 from pinwm_drake.geometry.features_torch import POINT, contacts_from_features, tangent_frames
-from pinwm_drake.geometry.pieces import IF_FLAT
+from pinwm_drake.geometry.pieces import IF_FLAT, IF_LYING
 from pinwm_drake.physics.kernels.arrays import ANGULAR_HINGE, LINEAR
 from pinwm_drake.physics.kernels.recorded import select_worlds
 from pinwm_drake.physics.model import Model
@@ -108,10 +108,13 @@ def _placed(model: Model, parameters: Parameters, rows: Tensor, body: Tensor, va
     change = torch.cat([parameters.spread - parameters.spread.detach(), still], 1)[world, body[..., 0]]
     fixed = valid & (body[..., 1] == nb + 1) & (rows[..., 0] == POINT) & (rows[..., 4] >= 0.0)
     number = torch.where(fixed, rows[..., 4], torch.zeros_like(rows[..., 4])).long()
-    fixed = fixed & (constant(table.floor_owners)[number] == IF_FLAT)
+    owner = constant(table.floor_owners)[number]
     n, x = constant(table.floor_faces)[number], constant(table.floor_points)[number][..., :3]
-    moved = change * (x - n * (n * x).sum(-1, keepdim=True))
-    moved = torch.where(fixed[..., None], moved - n * (n * moved).sum(-1, keepdim=True), torch.zeros_like(moved))
+    lying, along = (owner == IF_LYING)[..., None], n * (n * x).sum(-1, keepdim=True)
+    moved = change * torch.where(lying, along, x - along)
+    along = n * (n * moved).sum(-1, keepdim=True)
+    fixed = fixed & ((owner == IF_FLAT) | (owner == IF_LYING))
+    moved = torch.where(fixed[..., None], torch.where(lying, along, moved - along), torch.zeros_like(moved))
     A, B = rows[..., 1:4] - center[world, body[..., 0]] + moved, rows[..., 9:12] - center[world, body[..., 1]]
     return torch.cat([rows[..., :1], A, rows[..., 4:9], B, rows[..., 12:]], -1)
 

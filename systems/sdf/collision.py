@@ -12,8 +12,16 @@ import trimesh
 from pydrake.math import RigidTransform, RotationMatrix
 
 from pinwm_drake.geometry.meshes import mass_properties
-from pinwm_drake.geometry.patch import PROTRUSION, face_points, resting_normals, turned_down
-from pinwm_drake.geometry.pieces import CYLINDER, HULL, RIM_CORNERS, ConvexPiece, touching_pieces
+from pinwm_drake.geometry.patch import face_points, resting_normals, turned_down
+from pinwm_drake.geometry.pieces import (
+    CYLINDER,
+    HULL,
+    PROTRUSION,
+    RIM_CORNERS,
+    ConvexPiece,
+    line_points,
+    touching_pieces,
+)
 from pinwm_drake.geometry.primitive import Primitive, acting_mesh, acting_pieces, face_levels, fit
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.systems.sdf.contact import CORNER_RADIUS, SUPPORT_RADIUS
@@ -381,20 +389,34 @@ def _rim_spheres(cylinder: ConvexPiece) -> list[tuple[np.ndarray, float]]:
     return [(point + out * away, CORNER_RADIUS) for away, rim in ((-along, rims[0]), (along, rims[1])) for point in rim]
 
 
-def support_discs(primitives: Sequence[Primitive]) -> list[ConvexPiece]:
-    """Thin discs at the ends of cylinders, on whose rims an object rolls and tips in point contact, frame O.
+def support_discs(
+    mesh: trimesh.Trimesh, primitives: Sequence[Primitive], spread: Sequence[float] = EVEN
+) -> list[ConvexPiece]:
+    """Thin discs of cylinders, on which an object rolls, tips and lies in point contact, frame O.
 
-    Drake finds one point of a cylinder that touches a floor; of two it makes a line.
+    Drake finds one point of a cylinder that touches a floor; of two it makes a line. So there is one at each end, and
+    two that stand out a little, where the pressure on the line is on which a cylinder or capsule lies.
 
     Args:
+        mesh: Watertight, m, frame O.
         primitives: What the object acts as, frame O.
+        spread: (3,), as for `support_spheres`.
     """
-    discs = []
-    for piece in (one.piece() for one in primitives if one.kind == "cylinder"):
-        along = piece.vertices[1] - piece.vertices[0]
-        along *= DISC / np.linalg.norm(along)
-        for end, inwards in zip(piece.vertices, (along, -along), strict=True):
-            discs.append(ConvexPiece(CYLINDER, np.stack([end, end + inwards]), piece.radius))
+    foot, discs = mass_properties(mesh, mass=1.0).p_com, []
+
+    def disc(middle: np.ndarray, axis: np.ndarray, radius: float) -> ConvexPiece:
+        return ConvexPiece(CYLINDER, middle + np.outer([-0.5 * DISC, 0.5 * DISC], axis), radius)
+
+    for piece in (one.piece() for one in primitives if one.kind in ("cylinder", "capsule")):
+        axis = piece.vertices[1] - piece.vertices[0]
+        axis /= np.linalg.norm(axis)
+        if piece.kind == CYLINDER:
+            first, last = piece.vertices
+            discs += [disc(end, axis, piece.radius) for end in (first + 0.5 * DISC * axis, last - 0.5 * DISC * axis)]
+        if (line := line_points(piece)) is not None:
+            wider = ((line - foot) @ axis) * float(np.square(axis) @ (np.asarray(spread) - 1.0))
+            radius = round(piece.radius + SUPPORT_RADIUS, 12)
+            discs += [disc(point, axis, radius) for point in line + np.outer(wider, axis)]
     return discs
 
 

@@ -137,7 +137,7 @@ def _object_texts(name: str) -> dict[str, str]:
             spheres,
             surfaces,
             point,
-            support_discs(primitives),
+            support_discs(mesh, primitives),
         ),
     }
 

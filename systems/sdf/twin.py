@@ -182,7 +182,7 @@ def object_text(
         return object_sdf("object", solid, visual, prefix + fine, (prefix + base, depth), surfaces, comment)
     pieces = met_pieces(mesh_pieces(twin.mesh_path), twin.acts_as)
     supports = support_spheres(mesh, twin_spread(twin), down, twin.acts_as)
-    discs = support_discs(twin.acts_as)
+    discs = support_discs(mesh, twin.acts_as, twin_spread(twin))
 
     def mesh_uri(k: int, piece: ConvexPiece) -> str:
         return prefix + _mesh_file(folder, f"piece_{k}", piece_mesh(piece))

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from pinwm_drake.errors import GeometryError
 from pinwm_drake.geometry.meshes import load_mesh
-from pinwm_drake.geometry.patch import PROTRUSION, corner_spread, resting_points, supporting_points
-from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, MAX_FLOOR_POINTS, UNLESS_FLAT
+from pinwm_drake.geometry.patch import corner_spread, resting_points, supporting_points
+from pinwm_drake.geometry.pieces import ANYHOW, IF_FLAT, MAX_FLOOR_POINTS, PROTRUSION, UNLESS_FLAT
 from pinwm_drake.geometry.shapes import box, convex_hull
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.models import object_model

@@ -173,6 +173,24 @@ def test_shipped_objects(name):
         assert acting == pieces
 
 
+def test_a_piece_of_a_wall_with_the_root_of_a_handle_leaves_the_wall_round():
+    # As a decomposition makes it, which knows no handle.
+    path = object_model("mug_handle").mesh_path
+    (expected,), pieces = mesh_primitives(path), mesh_pieces(path)
+    middle = np.array(expected.p)
+    wall = [k for k, one in enumerate(pieces) if expected.depth(one.vertices).min() > -1e-6]
+    k = max(wall, key=lambda k: pieces[k].vertices[:, 0].mean())
+    root = pieces[k].vertices.mean(axis=0)
+    root[:2] += 2.5e-3 * (root - middle)[:2] / np.linalg.norm((root - middle)[:2])
+    pieces[k] = shapes.convex_hull(np.concatenate([pieces[k].vertices, root[None] + [[0, 0, -0.01], [0, 0, 0.01]]]))
+    assert expected.depth(pieces[k].vertices).min() < -3e-4
+    (found,) = primitives_of(load_mesh(path), pieces)
+    assert (found.kind, found.open_ends) == ("cylinder", expected.open_ends)
+    assert found.size == pytest.approx(expected.size, abs=1e-5)
+    # The piece stays, as it stands out.
+    assert len(acting_pieces(pieces, [found])) == 1 + len(pieces)
+
+
 @pytest.mark.parametrize("name", ["mug", "mug_handle"])
 @pytest.mark.parametrize("pusher", [shapes.sphere(0.01), shapes.capsule(0.008, 0.04), shapes.cylinder(0.008, 0.04)])
 def test_pusher_meets_a_round_mug_as_its_pieces_outside_and_in_its_cavity(name, pusher):

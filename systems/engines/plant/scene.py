@@ -165,13 +165,9 @@ def scene_texts(setup: Setup, contact: ContactName, *, driven: bool = True) -> t
         pushed = object_sdf(name, twin_solid(twin), str(visual), mesh, support, surfaces, "Object.")
     else:
         pieces = shipped_pieces(name)
-        spread = twin_spread(twin)
-        supports = (
-            shipped_supports(name)
-            if spread == EVEN
-            else support_spheres(load_mesh(twin.mesh_path), spread, down, twin.acts_as)
-        )
-        discs = support_discs(twin.acts_as)
+        spread, solid = twin_spread(twin), load_mesh(twin.mesh_path)
+        supports = shipped_supports(name) if spread == EVEN else support_spheres(solid, spread, down, twin.acts_as)
+        discs = support_discs(solid, twin.acts_as, spread)
         pushed = object_point_sdf(
             name, twin_solid(twin), str(visual), pieces, partial(piece_uri, name), supports, surfaces, "Object.", discs
         )
