@@ -27,7 +27,7 @@ from pinwm_drake.geometry.shapes import capsule, cylinder, sphere
 from pinwm_drake.geometry.stored_pieces import mesh_pieces
 from pinwm_drake.physics.model import Body, Model
 from pinwm_drake.physics.parameters import Parameters
-from pinwm_drake.physics.state import State
+from pinwm_drake.physics.state import State, Trajectory
 from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import normalize_quaternion, quaternion_to_matrix, rotate
@@ -309,6 +309,12 @@ def rollout_poses(
         raise StateError(f"times of a rollout are {after.min():g} to {after.max():g} s; allowed: 0 to {last:g} s")
     start, V_WP = start_state(scene, parameters, X_WO, motion, V_WO)
     record = Stepper(scene.model, num_threads=num_threads).rollout(parameters, start, V_WP)
+    return poses_at(scene, parameters, record, after)
+
+
+def poses_at(scene: Scene, parameters: Parameters, record: Trajectory, after: Tensor) -> Pose:
+    """Poses of the object at times `after` (n,) [s] within a recorded rollout of W worlds; see `rollout_poses`."""
+    at, steps = after / scene.model.time_step, len(record.p_WB) - 1
     p_OB = scene.p_OB + parameters.center[:, 0]
     low = at.floor().long().clamp(0, max(steps - 1, 0))
     share = (at - low)[:, None, None]

@@ -24,9 +24,13 @@ from pinwm_drake.twin.drift import drift, per_radius, way
 
 # b and c: m, s.
 LASTING, LASTS = 3e-4, 0.3
+# Error of a change of velocity as a share of it, for a drift of one metre in a metre; see `kicks.py`.
+PER_WALK = 3.0
 
 
-def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float, turn: float = 1.0) -> Tensor:
+def prior_root(
+    X_WO: Pose, times: Tensor, radius: float, walk: float, turn: float = 1.0, carried: Tensor | None = None
+) -> Tensor:
     """Root of the prior of the corrections of n poses, K = root root'.
 
     Args:
@@ -34,6 +38,7 @@ def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float, turn: floa
         times: (n,), s.
         radius: Radius of the object, m.
         walk, turn: Drift of a position after a way of one metre, m, and its factor for a rim that turns.
+        carried: (6n, r), what errors of changes of velocity make of the poses, of `kicks.carried_kicks`; None for none.
 
     Returns:
         (6n, 6n), lower triangular; frame by frame rotation vector [rad], then position [m].
@@ -44,7 +49,10 @@ def prior_root(X_WO: Pose, times: Tensor, radius: float, walk: float, turn: floa
     K = torch.zeros(n, 6, n, 6, dtype=torch.float64)
     for axis, (a, b) in enumerate(zip(drift(radius, walk, turn), LASTING * per_radius(radius), strict=True)):
         K[:, axis, :, axis] = float(a) ** 2 * common + float(b) ** 2 * lasting
-    return torch.linalg.cholesky(K.reshape(6 * n, 6 * n))
+    K = K.reshape(6 * n, 6 * n)
+    if carried is not None:
+        K = K + (PER_WALK * walk) ** 2 * carried @ carried.T
+    return torch.linalg.cholesky(K)
 
 
 @dataclass(frozen=True, eq=False)

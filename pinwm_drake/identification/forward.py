@@ -104,7 +104,7 @@ class Forward:
         Raises:
             SolverError: The physics found no solution in one of the worlds.
         """
-        X_WO, motion, _ = self._start(values)
+        X_WO, motion, _ = self.start(values)
         impulses = pusher_impulses(self.scene, self.parameters(values), X_WO, motion, num_threads=self.num_threads)
         after = self.scene.model.time_step * np.arange(len(impulses) + 1)
         first = float(self.episode.times.min()) + values["time_offset"].detach().numpy()
@@ -114,7 +114,7 @@ class Forward:
         return after[:, None] + first, impulses
 
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
-        X_WO, motion, up = self._start(values)
+        X_WO, motion, up = self.start(values)
         after = torch.from_numpy(self.times - self.episode.times.min())
         found = rollout_poses(
             self.scene,
@@ -127,7 +127,7 @@ class Forward:
         )
         return Pose(found.q, found.p + up)
 
-    def _start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
+    def start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
         """Pose at the start on the model's floor, the pusher's motion over it, and by how much (W, 3) [m] both rise."""
         W = len(values["mass"])
         z = torch.zeros(W, dtype=torch.float64)

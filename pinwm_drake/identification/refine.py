@@ -17,6 +17,7 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
+from pinwm_drake.identification.kicks import carried_kicks
 from pinwm_drake.identification.objective import LEAST_GAIN, Objective
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.spatial.poses import Pose
@@ -35,6 +36,7 @@ class Surrogate(Objective):
     """Objective of the unknowns without the renderer."""
 
     problem: Problem
+    carried: list[Tensor]  # (6n, r) of each push, see `kicks.carried_kicks`
 
     @cached_property
     def weights(self) -> list[Tensor]:
@@ -45,7 +47,7 @@ class Surrogate(Objective):
         """Quadratic loss of a push; see `Objective`."""
         expansion, weight = self.expansions[push], self.weights[push]
         times = torch.from_numpy(self.problem.pushes[push].forward.times)
-        prior = prior_root(expansion.X_WO, times, self.problem.radius, walk, turn)
+        prior = prior_root(expansion.X_WO, times, self.problem.radius, walk, turn, self.carried[push])
         return Marginal.of(weight[:, None] * expansion.gradient, weight[:, None, None] * expansion.curvature, prior)
 
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
@@ -78,7 +80,7 @@ class RefineState:
 def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate | None:
     """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution."""
     counts = [push.num_frames for push in problem.pushes]
-    expansions = []
+    expansions, carried = [], []
     for number, (push, d) in enumerate(zip(problem.pushes, corrections.split(counts), strict=True)):
         values = problem.coordinates.values(z[None], number)
         X, alive = push.forward.shown(values)
@@ -89,7 +91,8 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-    return Surrogate(problem, expansions)
+        carried.append(carried_kicks(push.forward, values))
+    return Surrogate(problem, expansions, carried)
 
 
 def refine(
@@ -114,7 +117,7 @@ def refine(
         goal = surrogate.minimise(state.z)
         gain = before - float(surrogate.objective(goal[None])[0])
         weights, walk = surrogate.weights, surrogate.walk(goal)
-        last = joint_loss(problem, state.z, state.corrections, surrogate.expansions, weights, walk)
+        last = joint_loss(surrogate, state.z, state.corrections, weights, walk)
         state.done = True
         for share in _SHARES:
             z = problem.coordinates.clamp(state.z + share * (goal - state.z))
@@ -122,7 +125,7 @@ def refine(
             after = surrogate_at(problem, z, corrections)
             if after is None:
                 continue
-            if joint_loss(problem, z, corrections, after.expansions, weights, walk) < last + LEAST_GAIN:
+            if joint_loss(after, z, corrections, weights, walk) < last + LEAST_GAIN:
                 state.z, state.corrections, surrogate = z, corrections, after
                 state.done = gain < LEAST_GAIN and share == 1.0
                 break
@@ -132,29 +135,23 @@ def refine(
     return state, surrogate
 
 
-def joint_loss(
-    problem: Problem,
-    z: Tensor,
-    corrections: Tensor,
-    expansions: Sequence[Expansion],
-    weights: Sequence[Tensor],
-    walk: int,
-) -> float:
+def joint_loss(surrogate: Surrogate, z: Tensor, corrections: Tensor, weights: Sequence[Tensor], walk: int) -> float:
     """Objective of unknowns z (p,) and corrections (n, 6) together, by the images' losses at the corrected poses.
 
     Args:
-        problem: The pushes.
+        surrogate: Images at the corrected poses.
         z: The unknowns.
         corrections: Of all pushes together.
-        expansions: Images at the corrected poses, of each push.
         weights: (n,) of each push's frames, as `weights_of` gives them.
         walk: Number of one of `drift.DRIFTS`, for the corrections' prior.
     """
+    problem = surrogate.problem
     counts = [push.num_frames for push in problem.pushes]
     total = float(problem.coordinates.penalty(z))
-    for push, expansion, weight, d in zip(problem.pushes, expansions, weights, corrections.split(counts), strict=True):
+    of = zip(problem.pushes, surrogate.expansions, surrogate.carried, weights, corrections.split(counts), strict=True)
+    for push, expansion, carried, weight, d in of:
         times = torch.from_numpy(push.forward.times)
-        root = prior_root(expansion.X_WO, times, problem.radius, *DRIFTS[walk])
+        root = prior_root(expansion.X_WO, times, problem.radius, *DRIFTS[walk], carried)
         white = torch.linalg.solve_triangular(root, d.reshape(-1, 1), upper=False)
         total += 0.5 * float((weight * expansion.loss).sum()) + 0.5 * float((white * white).sum())
     return total

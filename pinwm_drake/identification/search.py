@@ -330,7 +330,7 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
         surrogate, state, _ = one
         # With the widest drift, which allows any of them.
         walk = len(DRIFTS) - 1
-        return joint_loss(surrogate.problem, state.z, state.corrections, surrogate.expansions, weights, walk)
+        return joint_loss(surrogate, state.z, state.corrections, weights, walk)
 
     return min(alive, key=loss)
 

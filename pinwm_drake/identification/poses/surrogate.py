@@ -15,6 +15,7 @@ from torch import Tensor
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, deviation
 from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.kicks import carried_kicks
 from pinwm_drake.identification.objective import STEP_Z, Objective
 from pinwm_drake.identification.problem import Explained
 from pinwm_drake.identification.unknowns import Coordinates
@@ -68,6 +69,7 @@ class PoseSurrogate(Objective):
     at: list[Tensor]  # Unknowns (m,) of each push about which its poses are taken for linear
     slopes: list[Tensor]  # (6n, m), by the unknowns of each push
     precision: Tensor  # (6,), inverse variances of the white noise
+    carried: list[Tensor]  # (6n, r) of each push, see `kicks.carried_kicks`
 
     def marginal(self, push: int, walk: float, turn: float) -> Marginal:
         """Quadratic loss of a push; see `Objective`."""
@@ -82,7 +84,7 @@ class PoseSurrogate(Objective):
         """Covariance (6n, 6n) of the corrections of a push with a drift."""
         one = self.problem.pushes[push]
         times = torch.from_numpy(one.forward.times)
-        root = prior_root(one.measured, times, self.problem.radius, walk, turn)
+        root = prior_root(one.measured, times, self.problem.radius, walk, turn, self.carried[push])
         return root @ root.T
 
     def deviations(self, z: Tensor, push: int) -> tuple[Tensor, Tensor]:
@@ -115,7 +117,7 @@ def pose_surrogate(problem: PosedProblem, z: Tensor, at: list[Tensor], sigma: Te
     The noise is white, of standard deviations sigma (6,) [rad; m].
     """
     precision = 1.0 / sigma.square()
-    expansions, slopes = [], []
+    expansions, slopes, carried = [], [], []
     for one, own in zip(problem.pushes, at, strict=True):
         m, n = len(own), one.num_frames
         steps = STEP_Z * torch.eye(m, dtype=torch.float64)
@@ -137,7 +139,8 @@ def pose_surrogate(problem: PosedProblem, z: Tensor, at: list[Tensor], sigma: Te
         )
         expansions.append(expansion)
         slopes.append(J)
-    return PoseSurrogate(problem, expansions, at, slopes, precision)
+        carried.append(carried_kicks(one.forward, problem.values(z[None], own[None])))
+    return PoseSurrogate(problem, expansions, at, slopes, precision, carried)
 
 
 def _radii(radius: float) -> Tensor:
