@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: MIT
+"""What errors of changes of velocity make of later poses, against closed forms."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from pinwm_drake.capture.episodes import PusherTrajectory
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
+from pinwm_drake.identification.discrepancy import PER_WALK, prior_root
+from pinwm_drake.identification.forward import Forward
+from pinwm_drake.identification.kicks import carried_kicks
+from pinwm_drake.identification.unknowns import Coordinates
+from pinwm_drake.models import object_model
+from pinwm_drake.scene import make_scene
+from pinwm_drake.spatial.poses import Pose
+from tests.identification.test_discrepancy import RADIUS, WALK, straight
+
+LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
+MU, G = 0.3, 9.81
+
+
+def thrown(height, velocity, seconds=0.5):
+    """Forward of a cube, 60 mm, that starts so high over its rest with a velocity (6,)."""
+    path = object_model("cube").mesh_path
+    scene = make_scene(path, PusherGeometry(None, PusherShape("sphere", 0.01)), q_WO=LEVEL, gravity=G)
+    times = np.linspace(0.0, seconds, 11)
+    far, still = np.tile([1.0, 1.0, 1.0], (2, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (2, 1))
+    trajectory = PusherTrajectory(np.array([0.0, seconds]), far, still, None, None)
+    V = torch.tensor(velocity, dtype=torch.float64)
+    episode = SimpleNamespace(times=times, trajectory=trajectory, start_velocity=V)
+    start = Pose(LEVEL, torch.tensor([0.0, 0.0, 0.03 + height], dtype=torch.float64))
+    coordinates = Coordinates(("friction_floor",), {"friction_floor": MU})
+    values = coordinates.values(torch.zeros(1, 1, dtype=torch.float64))
+    return Forward(scene, episode, start, 1.0, 1), values, times
+
+
+def test_flight_has_no_errors():
+    carried = carried_kicks(*thrown(2.0, (0.0, 0.0, 0.0, 0.4, 0.0, 0.0))[:2])
+    assert carried.shape[0] == 66
+    assert float(carried.abs().max()) < 1e-8
+
+
+def test_what_slides_stops_elsewhere_by_its_speed_over_the_braking():
+    v = 0.9
+    forward, values, times = thrown(0.0, (0.0, 0.0, 0.0, v, 0.0, 0.0))
+    carried = carried_kicks(forward, values).reshape(11, 6, -1, 6)
+    last = carried[-1, 3, :, 3].numpy()
+    # Parts are nearly equally long, in whole steps, from the start until it rests.
+    ends = np.linspace(0.0, v / (MU * G), len(last) + 1)[1:]
+    speeds = v - MU * G * ends
+    change = MU * G * ends[0]
+    # An error of the change in a part is carried on by the speed that is left.
+    expected = -change * speeds / (MU * G)
+    assert last[:-1] == pytest.approx(expected[:-1], rel=0.2, abs=2e-4)
+    # Before the end of a part its error has no effect.
+    for part, end in enumerate(ends):
+        assert not carried[times < end - 0.01, :, part].any()
+
+
+def test_errors_add_a_covariance_that_grows_with_the_drift():
+    X_WO, times = straight(5)
+    carried = torch.randn(30, 4, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 1e-3
+    for walk in (WALK, 2.0 * WALK):
+        plain, more = (prior_root(X_WO, times, RADIUS, walk, 1.0, some) for some in (None, carried))
+        torch.testing.assert_close(more @ more.T - plain @ plain.T, (PER_WALK * walk) ** 2 * carried @ carried.T)
