@@ -15,6 +15,7 @@ from pinwm_drake.cousins.cousin import Cousin, CousinDraw
 from pinwm_drake.errors import require
 from pinwm_drake.twin.twin import Twin
 
+_SPREADS = ("support_x", "support_y", "support_z")
 _FRICTIONS = 2  # part of a cousin's draws; its physics and looks are parts 0 and 1
 DomainDraw = Callable[[int], Cousin]
 
@@ -41,6 +42,8 @@ class CousinDomains:
         friction_floor, friction_pusher: Least and largest friction, drawn evenly in the place of the twin's; None for
             that of the cousins.
         widen: Flag: a friction whose identified interval is wider than delta is drawn from the twin's posterior.
+        spread: Least and largest spread of the pressure on a face or line, drawn evenly for all three of `support_*`:
+            1 is even, and ends alone carry at 1.7 to 1.9; None for the twin's.
     """
 
     delta: float = 0.1
@@ -49,6 +52,7 @@ class CousinDomains:
     friction_floor: tuple[float, float] | None = None
     friction_pusher: tuple[float, float] | None = None
     widen: bool = False
+    spread: tuple[float, float] | None = None
 
     def draw(self, twin: Twin) -> DomainDraw | None:
         """Return the function from a number to its cousin; None where nothing is drawn.
@@ -61,14 +65,20 @@ class CousinDomains:
         wide = self.wide(twin)
         for name, (low, high) in ranges.items():
             require(name, f"{low} to {high}", 0.0 <= low <= high < math.inf, "0 or more, finite, the least first")
-        if not ranges and not wide:
+        if self.spread is not None:
+            low, high = self.spread
+            require("spread", f"{low} to {high}", 0.0 < low <= high < math.inf, "above 0, finite, the least first")
+        if not ranges and not wide and self.spread is None:
             return cousins.cousin if self.delta > 0 or self.from_intervals else None
 
         def drawn(number: int) -> Cousin:
             cousin = cousins.cousin(number)
             generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(number, _FRICTIONS)))
             given = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
-            return replace(cousin, theta=cousin.theta | _of_posterior(twin, wide, generator) | given)
+            theta, shape = cousin.theta | _of_posterior(twin, wide, generator) | given, dict(cousin.shape)
+            if self.spread is not None:
+                shape |= dict.fromkeys(_SPREADS, float(generator.uniform(*self.spread)))
+            return replace(cousin, theta=theta, shape=shape)
 
         return drawn
 
@@ -90,7 +100,8 @@ class CousinDomains:
         # Checkpoints from before lack the frictions and `widen`, which reads as None.
         frictions = {name: ends and list(ends) for name, ends in self._frictions().items()}
         known: dict[str, object] = {"delta": self.delta, "from_intervals": self.from_intervals}
-        return {**known, "cousin_seed": self.seed, **frictions, "widen": self.widen or None}
+        spread = {} if self.spread is None else {"spread": list(self.spread)}
+        return {**known, "cousin_seed": self.seed, **frictions, "widen": self.widen or None, **spread}
 
     def _frictions(self) -> dict[str, tuple[float, float] | None]:
         return {"friction_floor": self.friction_floor, "friction_pusher": self.friction_pusher}

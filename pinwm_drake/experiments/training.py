@@ -157,13 +157,14 @@ def worlds_of(request: TrainRequest, domains: DomainSource | None = None) -> Tra
         acceleration=math.inf if request.acceleration is None else request.acceleration,
         view=_view(setup.twin) if request.as_filmed else (0.0, 0.0, 0.0),
     )
-    domains = domains or _cousins(request, setup.twin)
+    domains = domains or _cousins(request, setup.twin, recipe.spread)
     return TrainingWorlds(setup, options, num_worlds=request.worlds, domains=domains, yaw=request.yaw)
 
 
-def _cousins(request: TrainRequest, twin: Twin) -> CousinDomains:
-    frictions = request.friction_floor, request.friction_pusher
-    domains = CousinDomains(request.delta, request.from_intervals, request.seed, *frictions, widen=True)
+def _cousins(request: TrainRequest, twin: Twin, spread: tuple[float, float] | None = None) -> CousinDomains:
+    frictions, known = (request.friction_floor, request.friction_pusher), request.from_intervals or not request.delta
+    spread = None if known else spread
+    domains = CousinDomains(request.delta, request.from_intervals, request.seed, *frictions, widen=True, spread=spread)
     return domains if domains.wide(twin) else replace(domains, widen=False)
 
 

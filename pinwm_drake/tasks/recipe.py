@@ -29,6 +29,8 @@ class Recipe:
         continued: Share of the episodes of a training that begin where the one before met its time limit.
         retries: Share of the other episodes of a training that begin as after a try that failed: the object lies, the
             pusher is on any side of it or over it.
+        spread: Least and largest spread of the pressure on a face or line of the object, drawn by each episode of a
+            training: 1 is even, and ends alone carry at 1.7 to 1.9. None for that of the scene.
         most_force: N, largest mean force of the pusher in an action, for policies in training and for planners: an
             episode with more has failed. None without a limit. A pusher that pinches an object against the floor stops
             a robot, and has other outcomes in each engine.
@@ -64,6 +66,7 @@ class Recipe:
     disturbance: float = 0.0
     continued: float = 0.0
     retries: float = 0.0
+    spread: tuple[float, float] | None = None
     most_force: float | None = None
     light: float = 0.0
     possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)

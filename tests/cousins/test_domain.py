@@ -55,3 +55,18 @@ def test_frictions_that_are_given_are_drawn_evenly_in_place_of_all_others():
     assert draw(7).theta == domains.draw(twin)(7).theta
     with pytest.raises(ParameterError, match=r"friction_floor: got 0\.3 to 0\.1"):
         CousinDomains(friction_floor=(0.3, 0.1)).draw(twin)
+
+
+def test_a_spread_is_one_factor_of_all_axes_and_changes_nothing_else():
+    twin = _twin_with(friction_pusher=(0.4, 1.1))
+    draw, plain = CousinDomains(spread=(1.0, 1.8)).draw(twin), CousinDomains().draw(twin)
+    found = [[draw(k).shape[f"support_{axis}"] for axis in "xyz"] for k in range(40)]
+    assert all(one[0] == one[1] == one[2] for one in found)
+    values = [one[0] for one in found]
+    assert min(values) >= 1.0
+    assert max(values) <= 1.8
+    assert np.std(values) == pytest.approx(0.8 / 12**0.5, rel=0.25)
+    assert draw(3).theta == plain(3).theta
+    assert CousinDomains(spread=(1.0, 1.8)).about() == {**CousinDomains().about(), "spread": [1.0, 1.8]}
+    with pytest.raises(ParameterError, match="spread"):
+        CousinDomains(spread=(1.8, 1.0)).draw(twin)

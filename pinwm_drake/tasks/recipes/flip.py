@@ -25,6 +25,7 @@ FLIP = Recipe(
     disturbance=0.03,  # velocities after an action differ from those of MuJoCo by 2 to 5 % (median)
     continued=0.25,  # a stroke that missed leaves object and pusher where no start has them
     retries=0.25,  # of the four in ten that do not begin at a waypoint
+    spread=(1.0, 1.8),  # engines press at the ends of a line, or evenly; real faces where they are high
     most_force=50.0,  # of an arm of a few kg; strokes that turn the mug over have 1 to 6
     light=0.6,  # lamps of a room, and of other renderers
     # Where the strokes of docs/results/policies.md turn a mug over, of frictions of 0.05 to 0.5 and 0.3 to 1.2.
