@@ -25,7 +25,7 @@ from pinwm_drake.twin.drift import drift, per_radius, way
 # b and c: m, s.
 LASTING, LASTS = 3e-4, 0.3
 # Error of a change of velocity as a share of it, for a drift of one metre in a metre; see `kicks.py`.
-PER_WALK = 3.0
+PER_WALK = 1.0
 
 
 def prior_root(

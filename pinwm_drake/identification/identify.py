@@ -15,8 +15,10 @@ from pinwm_drake.capture.episodes import Episode, ObjectPoses
 from pinwm_drake.capture.pusher import pusher_surface
 from pinwm_drake.capture.scene import Capture
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.floor import LYING
 from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.geometry.patch import corner_spread
+from pinwm_drake.geometry.pieces import EVEN_SHARE
 from pinwm_drake.geometry.stored_pieces import mesh_primitives
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.locate import LIMIT, find_start
@@ -41,6 +43,7 @@ from pinwm_drake.twin.twin import Twin, assemble_twin
 _MAY_CHANGE = ("checkpoint_every", "num_threads")
 NOMINAL_MASS = 1.0  # kg, where none was measured
 _CLOCK = 1e-3  # s, of an offset that was found, at least: exposures are not instants
+_LINES = ("cylinder", "capsule")  # lie on a line
 _SUPPORT = ("support_x", "support_y", "support_z")
 
 
@@ -238,7 +241,10 @@ def chosen_unknowns(
     if options.support != "auto":
         free = tuple(name for name in free if name not in _SUPPORT)
         R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
-        spread = corner_spread(scene.mesh, R_WO) if options.support == "corners" else (1.0, 1.0, 1.0)
+        spread = (1.0, 1.0, 1.0)
+        if options.support == "corners":
+            lying = any(abs(float(one.R_OG[:, 2] @ R_WO[2])) < LYING for one in scene.acts_as if one.kind in _LINES)
+            spread = (1.0 / EVEN_SHARE,) * 3 if lying else corner_spread(scene.mesh, R_WO)
         held |= dict(zip(_SUPPORT, spread, strict=True))
     return free, held
 

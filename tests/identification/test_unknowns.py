@@ -1,11 +1,21 @@
 # SPDX-License-Identifier: MIT
 import math
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
+from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
+from pinwm_drake.geometry.patch import corner_spread
+from pinwm_drake.geometry.stored_pieces import mesh_primitives
+from pinwm_drake.identification.identify import chosen_unknowns
+from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, UNKNOWNS, Coordinates
+from pinwm_drake.models import object_model
+from pinwm_drake.scene import make_scene
+from pinwm_drake.spatial.poses import Pose
 
 
 def test_zero_is_nominal_or_held():
@@ -91,3 +101,20 @@ def test_what_is_known_of_one_object_takes_the_place_of_a_prior():
     assert usual.deviations == [1e-3, 1e-3, 1e-3]
     assert wider.deviations == [3e-3, 1e-3, 2e-3]
     assert float(wider.precision[0, 0]) == pytest.approx(float(usual.precision[0, 0]) / 9.0)
+
+
+@pytest.mark.parametrize(
+    ("q", "expected"), [((0.5**0.5, 0.5**0.5, 0.0, 0.0), 1.0 / 0.53), ((1.0, 0.0, 0.0, 0.0), None)]
+)
+def test_corners_of_a_lying_mug_are_the_ends_of_its_line(q, expected):
+    # A standing one has the corners of its face.
+    path = object_model("mug").mesh_path
+    pose = Pose(torch.tensor(q, dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
+    capture = SimpleNamespace(object=SimpleNamespace(mesh_path=path, X_WO=pose))
+    pusher = PusherGeometry(None, PusherShape("sphere", 0.01))
+    scene = make_scene(path, pusher, q_WO=pose.q, gravity=9.81, acts_as=mesh_primitives(path))
+    free, held = chosen_unknowns(capture, IdentifyOptions(support="corners"), scene, 1.0)
+    assert not any(name.startswith("support") for name in free)
+    found = [held[f"support_{axis}"] for axis in "xyz"]
+    assert found == pytest.approx(corner_spread(scene.mesh, np.eye(3)) if expected is None else 3 * [expected])
+    assert found[0] > 1.2
