@@ -20,12 +20,10 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import drift, per_radius, way
+from pinwm_drake.twin.drift import PER_WALK, drift, per_radius, way
 
 # b and c: m, s.
 LASTING, LASTS = 3e-4, 0.3
-# Error of a change of velocity as a share of it, for a drift of one metre in a metre; see `kicks.py`.
-PER_WALK = 1.0
 
 
 def prior_root(

@@ -24,6 +24,7 @@ from pinwm_drake.scene import (
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.frame import FRAME, moved_motion
+from pinwm_drake.twin.kicks import carried_kicks
 from pinwm_drake.twin.rollout import pusher_impulses
 
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
@@ -81,6 +82,20 @@ class Forward:
         view = torch.stack([values[f"view_{axis}"] for axis in "xyz"], -1)
         return Pose(X_WO.q, X_WO.p + view), alive
 
+    def kicks(self, values: dict[str, Tensor]) -> Tensor:
+        """Return what errors of changes of velocity make of the poses, (6n, r); see `twin/kicks.py`."""
+        X_WO, motion, _ = self._start(values)
+        after = torch.from_numpy(self.times - self.episode.times.min())
+        return carried_kicks(
+            self.scene,
+            self.parameters(values),
+            X_WO,
+            motion,
+            after,
+            V_WO=self.episode.start_velocity,
+            num_threads=self.num_threads,
+        )
+
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Parameters theta of W worlds."""
         changed = {
@@ -104,7 +119,7 @@ class Forward:
         Raises:
             SolverError: The physics found no solution in one of the worlds.
         """
-        X_WO, motion, _ = self.start(values)
+        X_WO, motion, _ = self._start(values)
         impulses = pusher_impulses(self.scene, self.parameters(values), X_WO, motion, num_threads=self.num_threads)
         after = self.scene.model.time_step * np.arange(len(impulses) + 1)
         first = float(self.episode.times.min()) + values["time_offset"].detach().numpy()
@@ -114,7 +129,7 @@ class Forward:
         return after[:, None] + first, impulses
 
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
-        X_WO, motion, up = self.start(values)
+        X_WO, motion, up = self._start(values)
         after = torch.from_numpy(self.times - self.episode.times.min())
         found = rollout_poses(
             self.scene,
@@ -127,7 +142,7 @@ class Forward:
         )
         return Pose(found.q, found.p + up)
 
-    def start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
+    def _start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
         """Pose at the start on the model's floor, the pusher's motion over it, and by how much (W, 3) [m] both rise."""
         W = len(values["mass"])
         z = torch.zeros(W, dtype=torch.float64)

@@ -17,7 +17,6 @@ from torch import Tensor
 from pinwm_drake.identification.adam import MEASUREMENTS
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, corrected, deviation, expand
-from pinwm_drake.identification.kicks import carried_kicks
 from pinwm_drake.identification.objective import LEAST_GAIN, Objective
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.spatial.poses import Pose
@@ -36,7 +35,7 @@ class Surrogate(Objective):
     """Objective of the unknowns without the renderer."""
 
     problem: Problem
-    carried: list[Tensor]  # (6n, r) of each push, see `kicks.carried_kicks`
+    carried: list[Tensor]  # (6n, r) of each push, see `Forward.kicks`
 
     @cached_property
     def weights(self) -> list[Tensor]:
@@ -91,7 +90,7 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-        carried.append(carried_kicks(push.forward, values))
+        carried.append(push.forward.kicks(values))
     return Surrogate(problem, expansions, carried)
 
 

@@ -34,6 +34,7 @@ from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import rotate
 from pinwm_drake.twin.drift import grips
 from pinwm_drake.twin.frame import drawn_frames, moved_motion, pivot_of
+from pinwm_drake.twin.kicks import carried_kicks
 from pinwm_drake.twin.twin import Twin
 
 # An object that starts this near to the floor [m] rests on it; one that is farther up falls.
@@ -160,6 +161,21 @@ def rollout_worlds(
     motion = motion if frames is None else moved_motion(motion, *frames)
     with torch.no_grad():
         return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]), V_WO=V_WO)
+
+
+def rollout_kicks(
+    scene: Scene,
+    parameters: Parameters,
+    X_WO: Pose,
+    trajectory: PusherTrajectory,
+    t: np.ndarray,
+    V_WO: torch.Tensor | None = None,
+) -> torch.Tensor:
+    """Deviations (6n, r) of the poses of one world of `rollout_worlds` by errors of velocities; see `kicks.py`."""
+    start, h = resting_start(scene, X_WO), scene.model.time_step
+    motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
+    start = Pose(start.q[None], start.p[None])
+    return carried_kicks(scene, parameters, start, motion, torch.from_numpy(np.asarray(t, float) - t[0]), V_WO=V_WO)
 
 
 def resting_start(scene: Scene, X_WO: Pose) -> Pose:

@@ -15,7 +15,6 @@ from torch import Tensor
 from pinwm_drake.identification.discrepancy import Marginal, prior_root
 from pinwm_drake.identification.expansion import Expansion, deviation
 from pinwm_drake.identification.forward import Forward
-from pinwm_drake.identification.kicks import carried_kicks
 from pinwm_drake.identification.objective import STEP_Z, Objective
 from pinwm_drake.identification.problem import Explained
 from pinwm_drake.identification.unknowns import Coordinates
@@ -69,7 +68,7 @@ class PoseSurrogate(Objective):
     at: list[Tensor]  # Unknowns (m,) of each push about which its poses are taken for linear
     slopes: list[Tensor]  # (6n, m), by the unknowns of each push
     precision: Tensor  # (6,), inverse variances of the white noise
-    carried: list[Tensor]  # (6n, r) of each push, see `kicks.carried_kicks`
+    carried: list[Tensor]  # (6n, r) of each push, see `Forward.kicks`
 
     def marginal(self, push: int, walk: float, turn: float) -> Marginal:
         """Quadratic loss of a push; see `Objective`."""
@@ -139,7 +138,7 @@ def pose_surrogate(problem: PosedProblem, z: Tensor, at: list[Tensor], sigma: Te
         )
         expansions.append(expansion)
         slopes.append(J)
-        carried.append(carried_kicks(one.forward, problem.values(z[None], own[None])))
+        carried.append(one.forward.kicks(problem.values(z[None], own[None])))
     return PoseSurrogate(problem, expansions, at, slopes, precision, carried)
 
 

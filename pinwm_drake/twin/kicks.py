@@ -5,7 +5,7 @@ A hit or a slide changes the object's velocity. Laws of contact differ in that c
 that goes on without the pusher, such as that of a mug that whirls on its rim, makes more and more of a small
 difference. So in parts of the motion each component of the change of velocity is off by an error of its own, whose
 standard deviation is a share of the component. `carried_kicks` returns what such errors do to the poses: a root of a
-further covariance of the corrections of `discrepancy.py`. A pusher that stays at the object, or friction that stops
+further covariance of poses beside that of `drift.py`. A pusher that stays at the object, or friction that stops
 it, takes kicks back: pushes hardly have any.
 """
 
@@ -17,13 +17,13 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.errors import SolverError
-from pinwm_drake.identification.expansion import deviation
-from pinwm_drake.identification.forward import Forward
 from pinwm_drake.physics.model import Model
+from pinwm_drake.physics.parameters import Parameters
 from pinwm_drake.physics.state import State, Trajectory
 from pinwm_drake.physics.stepper import Stepper
-from pinwm_drake.scene import poses_at, start_state
+from pinwm_drake.scene import PusherMotion, Scene, poses_at, start_state
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.spatial.rotations import turn_between
 
 # Parts of a motion, and the velocity from which on the object moves, rad/s and m/s.
 _PARTS, _RESTS = 12, 1e-3
@@ -32,34 +32,38 @@ _SHARE = 0.03
 
 
 @torch.no_grad()
-def carried_kicks(forward: Forward, values: dict[str, Tensor]) -> Tensor:
+def carried_kicks(
+    scene: Scene,
+    parameters: Parameters,
+    X_WO: Pose,
+    motion: PusherMotion,
+    after: Tensor,
+    *,
+    V_WO: Tensor | None = None,
+    num_threads: int | None = None,
+) -> Tensor:
     """Deviations of the poses of a push by an error of each change of velocity that is as large as the change.
 
-    Args:
-        forward: Physics of the push, with n poses.
-        values: (1,) for each of `UNKNOWNS`.
+    Arguments are those of `scene.rollout_poses`, of one world and n times.
 
     Returns:
         (6n, 6m), m parts: frame by frame rotation vector [rad] and position [m]. None of a part, m = 0, where nothing
         moves or the physics has no solution.
     """
-    scene, n = forward.scene, len(forward.times)
-    X_WO, motion, _ = forward.start(values)
-    parameters = forward.parameters(values)
-    start, V_WP = start_state(scene, parameters, X_WO, motion, forward.episode.start_velocity)
-    stepper = Stepper(scene.model, num_threads=forward.num_threads)
-    after = torch.from_numpy(forward.times - forward.episode.times.min()) / scene.model.time_step
+    n, h = len(after), scene.model.time_step
+    start, V_WP = start_state(scene, parameters, X_WO, motion, V_WO)
+    stepper = Stepper(scene.model, num_threads=num_threads)
     columns = []
     try:
         record = stepper.rollout(parameters, start, V_WP)
         for step, change in _changes(record, scene.model):
-            later = torch.nonzero(after > step)[:, 0]
+            later = torch.nonzero(after > step * h)[:, 0]
             kicks = torch.cat([_SHARE * torch.diag(change), -_SHARE * torch.diag(change)])
             many = parameters.expand(len(kicks))
             kicked = stepper.rollout(many, _kicked(record, step, kicks), V_WP[step:].expand(-1, len(kicks), 6))
-            X = poses_at(scene, many, kicked, (after[later] - step) * scene.model.time_step)
+            X = poses_at(scene, many, kicked, after[later] - step * h)
             (q, q_back), (p, p_back) = X.q.unflatten(1, (2, 6)).unbind(1), X.p.unflatten(1, (2, 6)).unbind(1)
-            moved = deviation(Pose(q, p), Pose(q_back, p_back)) / (2.0 * _SHARE)
+            moved = torch.cat([turn_between(q_back, q), p - p_back], -1) / (2.0 * _SHARE)
             column = torch.zeros(n, 6, 6, dtype=torch.float64)
             column[later] = moved.transpose(1, 2)
             columns.append(column.reshape(6 * n, 6))

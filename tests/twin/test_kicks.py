@@ -9,13 +9,13 @@ import torch
 
 from pinwm_drake.capture.episodes import PusherTrajectory
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
-from pinwm_drake.identification.discrepancy import PER_WALK, prior_root
+from pinwm_drake.identification.discrepancy import prior_root
 from pinwm_drake.identification.forward import Forward
-from pinwm_drake.identification.kicks import carried_kicks
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.models import object_model
 from pinwm_drake.scene import make_scene
 from pinwm_drake.spatial.poses import Pose
+from pinwm_drake.twin.drift import PER_WALK
 from tests.identification.test_discrepancy import RADIUS, WALK, straight
 
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)
@@ -38,7 +38,8 @@ def thrown(height, velocity, seconds=0.5):
 
 
 def test_flight_has_no_errors():
-    carried = carried_kicks(*thrown(2.0, (0.0, 0.0, 0.0, 0.4, 0.0, 0.0))[:2])
+    forward, values, _ = thrown(2.0, (0.0, 0.0, 0.0, 0.4, 0.0, 0.0))
+    carried = forward.kicks(values)
     assert carried.shape[0] == 66
     assert float(carried.abs().max()) < 1e-8
 
@@ -46,7 +47,7 @@ def test_flight_has_no_errors():
 def test_what_slides_stops_elsewhere_by_its_speed_over_the_braking():
     v = 0.9
     forward, values, times = thrown(0.0, (0.0, 0.0, 0.0, v, 0.0, 0.0))
-    carried = carried_kicks(forward, values).reshape(11, 6, -1, 6)
+    carried = forward.kicks(values).reshape(11, 6, -1, 6)
     last = carried[-1, 3, :, 3].numpy()
     # Parts are nearly equally long, in whole steps, from the start until it rests.
     ends = np.linspace(0.0, v / (MU * G), len(last) + 1)[1:]
