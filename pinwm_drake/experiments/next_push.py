@@ -43,7 +43,7 @@ from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.drift import typical_drift
 from pinwm_drake.twin.frame import Confusion, confusion, drawn_frames, pivot_of
 from pinwm_drake.twin.origin import Origin
-from pinwm_drake.twin.rollout import drawn_parameters, rollout_worlds, twin_scene
+from pinwm_drake.twin.rollout import drawn_parameters, rollout_kicks, rollout_worlds, twin_parameters, twin_scene
 from pinwm_drake.twin.twin import THETA, Twin
 
 _SPEEDS, _DISTANCES = (0.05, 0.3), (0.06, 0.11)  # m/s, drawn evenly by their logarithm; m, after the touch
@@ -157,6 +157,8 @@ def next_push(
     rows = twin.draws.rows(draws)
     # What is of one push alone tells nothing of the object.
     parameters = drawn_parameters(twin, scene, rows, anew=False)
+    # Pushes take errors of velocities back.
+    own = twin_parameters(twin, scene) if motion == "poke" else None
     logarithms, confused = _logarithms(twin, rows), confusion(twin.draws, X_WO.q)
     frames = drawn_frames(twin, rows), pivot_of(twin)
     if confused is not None:
@@ -168,7 +170,7 @@ def next_push(
     for k in range(number):
         drawn = _draw(motion, mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
         try:
-            candidates.append(_look(scene, parameters, frames, X_WO, drawn, logarithms, radius, walk))
+            candidates.append(_look(scene, parameters, own, frames, X_WO, drawn, logarithms, radius, walk))
         except SolverError:
             continue  # a push whose physics fails is none to propose
         report((k + 1) / number)
@@ -288,6 +290,7 @@ def _logarithms(twin: Twin, rows: np.ndarray) -> dict[str, torch.Tensor]:
 def _look(
     scene: Scene,
     parameters: Parameters,
+    own: Parameters | None,
     frames: tuple[torch.Tensor, torch.Tensor],
     X_WO: Pose,
     motion: StraightPush,
@@ -295,7 +298,10 @@ def _look(
     radius: float,
     walk: tuple[float, float],
 ) -> Candidate:
-    """Information and spread of a push of an object with a radius [m], by its drift; see `drift.typical_drift`."""
+    """Information and spread of a push of an object with a radius [m], by its drift; see `drift.typical_drift`.
+
+    Parameters are those of the draws, and the twin's own where errors of velocities count.
+    """
     trajectory = trajectory_of(motion)
     t = np.arange(0.0, trajectory.t[-1], 1.0 / _FRAME_RATE)
     found = rollout_worlds(scene, parameters, X_WO, trajectory, t, frames)
@@ -303,7 +309,8 @@ def _look(
     d = deviation(found, Pose(middle.q[:, None], middle.p[:, None]))
     d = d - d.mean(1, keepdim=True)
     n, W, _ = d.shape
-    root = prior_root(middle, torch.from_numpy(t), radius, *walk)
+    carried = None if own is None else rollout_kicks(scene, own, X_WO, trajectory, t)
+    root = prior_root(middle, torch.from_numpy(t), radius, *walk, carried)
     white = torch.linalg.solve_triangular(root, d.permute(0, 2, 1).reshape(6 * n, W), upper=False)
     gram = white.T @ white / (W - 1)
     share = torch.linalg.eigvalsh(gram).clamp_min(0.0)
