@@ -55,6 +55,7 @@ _RECORD_RATE = 240.0  # Hz, the lowest of the pusher's log
 _LYING = {"mug": "flip_mug", "mug_handle": "flip_mug_handle"}  # scenarios in which objects lie on their side
 _LONGEST_STEP = 1 / 3800  # s
 _BOUNCING_STEPS = 2  # times more of them where an impact of some 3 ms is to keep its energy
+_POKING_STEPS = 4  # times more of them for pokes: Drake takes the friction of a step from the force of the one before
 
 
 class _Plan:
@@ -78,7 +79,8 @@ class _Plan:
         self.push_speed = options.speed or (max(SPEEDS) if self.pokes else usual)
         records = math.ceil(_RECORD_RATE / options.rate)
         steps = math.ceil(1 / (options.rate * records * _LONGEST_STEP))
-        self.rates = Rates(options.rate, records, steps if options.restitution == 0 else _BOUNCING_STEPS * steps)
+        steps *= (_POKING_STEPS if self.pokes else 1) * (_BOUNCING_STEPS if options.restitution else 1)
+        self.rates = Rates(options.rate, records, steps)
         length = 0.0 if options.pusher == "sphere" else _PUSHER_LENGTH
         self.shape = PusherShape(options.pusher, options.pusher_radius, length)
 
