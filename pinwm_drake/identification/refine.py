@@ -8,7 +8,7 @@ expanded anew.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -76,10 +76,15 @@ class RefineState:
 
 
 @torch.no_grad()
-def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate | None:
-    """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution."""
+def surrogate_at(
+    problem: Problem, z: Tensor, corrections: Tensor, kicks: list[Tensor] | None = None
+) -> Surrogate | None:
+    """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution.
+
+    Kicks (6n, r) of each push may be those of unknowns near by; None for those of z.
+    """
     counts = [push.num_frames for push in problem.pushes]
-    expansions, carried = [], []
+    expansions, carried = [], list(kicks or [])
     for number, (push, d) in enumerate(zip(problem.pushes, corrections.split(counts), strict=True)):
         values = problem.coordinates.values(z[None], number)
         X, alive = push.forward.shown(values)
@@ -90,7 +95,8 @@ def surrogate_at(problem: Problem, z: Tensor, corrections: Tensor) -> Surrogate 
         expansions.append(
             expand(push.pictures, push.surfels, X_WO, outline, problem.radius, num_threads=problem.num_threads)
         )
-        carried.append(push.forward.kicks(values))
+        if kicks is None:
+            carried.append(push.forward.kicks(values))
     return Surrogate(problem, expansions, carried)
 
 
@@ -121,7 +127,7 @@ def refine(
         for share in _SHARES:
             z = problem.coordinates.clamp(state.z + share * (goal - state.z))
             corrections = torch.cat(surrogate.corrections(z, walk))
-            after = surrogate_at(problem, z, corrections)
+            after = surrogate_at(problem, z, corrections, surrogate.carried)
             if after is None:
                 continue
             if joint_loss(after, z, corrections, weights, walk) < last + LEAST_GAIN:
@@ -131,6 +137,9 @@ def refine(
         report(state)
     if surrogate is not None:
         state.loss = surrogate.loss
+        values = (problem.coordinates.values(state.z[None], number) for number in range(len(problem.pushes)))
+        carried = [push.forward.kicks(one) for push, one in zip(problem.pushes, values, strict=True)]
+        surrogate = replace(surrogate, carried=carried)
     return state, surrogate
 
 
