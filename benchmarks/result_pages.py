@@ -19,6 +19,7 @@ from benchmarks import calibration as calibration_benchmark
 from benchmarks import flip_frontier
 from benchmarks.next_push.coverage import coverage_table
 from benchmarks.next_push.evaluate import cells
+from benchmarks.next_push.pokes import table_lines
 from benchmarks.real import tables
 from benchmarks.results import markdown, with_block
 from pinwm_drake.geometry.pieces import touching_pieces
@@ -412,6 +413,11 @@ def table(header: str, rows: Rows) -> str:
     return "\n".join(markdown(header, rows))
 
 
+def pokes() -> str:
+    """Table of frictions by one poke each."""
+    return "\n".join(table_lines(read("pokes.json")["rows"]))
+
+
 BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (ROOT / "README.md", "headline", headline),
     (RESULTS / "index.md", "headline", headline),
@@ -427,6 +433,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "identification.md", "held", held),
     (RESULTS / "identification.md", "coverage", coverage),
     (RESULTS / "identification.md", "coverage_engines", coverage_engines),
+    (RESULTS / "identification.md", "pokes", pokes),
     (RESULTS / "calibration.md", "calibration", calibration),
     (RESULTS / "clock.md", "clock", clock),
     (RESULTS / "real.md", "mit", mit),

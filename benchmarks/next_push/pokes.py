@@ -13,7 +13,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ if __name__ == "__main__":
 from benchmarks.next_push.engines import scene_maker
 from benchmarks.next_push.engines.rollout import Tip, twin_truth
 from benchmarks.next_push.objects import StandingAnyhow
+from benchmarks.results import markdown
 from pinwm_drake.capture.episode_tables import POSES_FILE, TRAJECTORY_FILE, ObjectPoses
 from pinwm_drake.capture.episodes import read_episode_folder
 from pinwm_drake.capture.measured_poses import read_measured_poses
@@ -47,6 +48,10 @@ from pinwm_drake.systems.scenario.setup import Setup
 
 ENGINES = ("hydroelastic", "point", "mujoco")
 SCENES = {"mug": "flip_mug", "mug_handle": "flip_mug_handle", "cube": "flip_cube"}
+_HEADER = (
+    "engine, fitted by | pokes | error of the floor's friction, median | within 5 % | within 10 % "
+    "| its 95 % interval holds | that of the pusher's friction holds"
+)
 _FRICTIONS = ("friction_floor", "friction_pusher")
 _FLOOR, _PUSHER = (0.1, 0.4), (0.4, 1.0)
 _STEP = 1 / 15360  # s, of Drake's plants
@@ -124,6 +129,24 @@ def fit(setup: Setup, trial: Trial, poses: ObjectPoses, seeds: Sequence[int]) ->
     return found
 
 
+def table_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines of a table of stored rows, one for each way of fitting and engine."""
+    lines = []
+    for way, engine in dict.fromkeys((row["way"], row["engine"]) for row in rows):
+        some = [row for row in rows if (row["way"], row["engine"]) == (way, engine)]
+        errors = [abs(row["found"][0]["friction_floor"][0] / row["truth"]["friction_floor"] - 1.0) for row in some]
+        near = [sum(error <= bar for error in errors) for bar in (0.05, 0.10)]
+        held = [sum(_holds(row, name) for row in some) for name in _FRICTIONS]
+        median = 100.0 * float(np.median(errors))
+        lines.append((f"{engine}, {way}", len(some), f"{median:.1f} %", *near, *held))
+    return markdown(_HEADER, lines)
+
+
+def _holds(row: Mapping[str, Any], name: str) -> bool:
+    _, low, high = row["found"][0][name]
+    return bool(low <= row["truth"][name] <= high)
+
+
 def main() -> None:
     """Append a line for each poke and engine to OUT."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -144,7 +167,7 @@ def main() -> None:
         for engine in left:
             began = time.perf_counter()
             poses = measured(motion(setup, trial, engine), np.random.default_rng([8, number]))
-            row = {"number": number, "engine": engine, "object": name, "truth": truth}
+            row = {"number": number, "engine": engine, "way": "poses", "object": name, "truth": truth}
             row |= {"found": fit(setup, trial, poses, range(given.seeds)), "seconds": time.perf_counter() - began}
             with given.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")

@@ -453,7 +453,10 @@ def _without_outstanding(corners: np.ndarray) -> Primitive | None:
     hull = trimesh.convex.convex_hull(corners)
     found = [_fitted("cylinder", hull, _about(axis)) for axis in _axes(hull, _sides(hull))]
     rough = min((one for one in found if one is not None), key=lambda one: one.deviation, default=None)
-    return None if rough is None else fit(corners[rough.depth(corners) > -rough.tolerance])
+    try:
+        return None if rough is None else fit(corners[rough.depth(corners) > -rough.tolerance])
+    except QhullError:  # what is left lies in a plane
+        return None
 
 
 def _most_round(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, float]:
