@@ -38,13 +38,13 @@ EYE = np.eye(3)
 
 
 def solid(name: str, pieces: list[ConvexPiece], mass: float = 0.5) -> Body:
-    """Body of pieces, with the inertia of the box around them about its centre, moved there."""
+    """Body of pieces, with the inertia of the box around them about its centre, moved there; its lines press evenly."""
     points = np.concatenate([[low, high] for low, high in map(bounds, pieces)])
     low, high = points.min(0), points.max(0)
     centre, (x, y, z) = 0.5 * (low + high), high - low
     moved = [ConvexPiece(piece.kind, piece.vertices - centre, piece.radius, piece.faces) for piece in pieces]
     inertia = mass / 12.0 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y])
-    return Body(name, moved, mass, inertia)
+    return Body(name, moved, mass, inertia, even_lines=True)
 
 
 def bounds(piece: ConvexPiece) -> tuple[np.ndarray, np.ndarray]:

@@ -138,7 +138,8 @@ def table_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         near = [sum(error <= bar for error in errors) for bar in (0.05, 0.10)]
         held = [sum(_holds(row, name) for row in some) for name in _FRICTIONS]
         median = 100.0 * float(np.median(errors))
-        lines.append((f"{engine}, {way}", len(some), f"{median:.1f} %", *near, *held))
+        words = "MuJoCo" if engine == "mujoco" else engine
+        lines.append((f"{words}, {way}", len(some), f"{median:.1f} %", *near, *held))
     return markdown(_HEADER, lines)
 
 
