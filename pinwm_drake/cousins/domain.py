@@ -13,9 +13,9 @@ import numpy as np
 
 from pinwm_drake.cousins.cousin import Cousin, CousinDraw
 from pinwm_drake.errors import require
+from pinwm_drake.twin.rollout import SUPPORT
 from pinwm_drake.twin.twin import Twin
 
-_SPREADS = ("support_x", "support_y", "support_z")
 _FRICTIONS = 2  # part of a cousin's draws; its physics and looks are parts 0 and 1
 DomainDraw = Callable[[int], Cousin]
 
@@ -77,7 +77,7 @@ class CousinDomains:
             given = {name: float(generator.uniform(*ends)) for name, ends in ranges.items()}
             theta, shape = cousin.theta | _of_posterior(twin, wide, generator) | given, dict(cousin.shape)
             if self.spread is not None:
-                shape |= dict.fromkeys(_SPREADS, float(generator.uniform(*self.spread)))
+                shape |= dict.fromkeys(SUPPORT, float(generator.uniform(*self.spread)))
             return replace(cousin, theta=theta, shape=shape)
 
         return drawn

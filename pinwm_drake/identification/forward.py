@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Poses of the object in every frame, given the unknowns: the physics half of the world model."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -27,6 +29,7 @@ from pinwm_drake.twin.frame import FRAME, moved_motion
 from pinwm_drake.twin.kicks import carried_kicks
 from pinwm_drake.twin.rollout import pusher_impulses
 
+_Found = TypeVar("_Found")
 # Half the difference quotient's step by which a shift in time turns into velocities [s].
 _TIME_STEP = 1e-4
 
@@ -84,17 +87,7 @@ class Forward:
 
     def kicks(self, values: dict[str, Tensor]) -> Tensor:
         """Return what errors of changes of velocity make of the poses, (6n, r); see `twin/kicks.py`."""
-        X_WO, motion, _ = self._start(values)
-        after = torch.from_numpy(self.times - self.episode.times.min())
-        return carried_kicks(
-            self.scene,
-            self.parameters(values),
-            X_WO,
-            motion,
-            after,
-            V_WO=self.episode.start_velocity,
-            num_threads=self.num_threads,
-        )
+        return self._rolled(carried_kicks, values)[0]
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:
         """Parameters theta of W worlds."""
@@ -129,18 +122,22 @@ class Forward:
         return after[:, None] + first, impulses
 
     def _rollout(self, values: dict[str, Tensor]) -> Pose:
+        found, up = self._rolled(rollout_poses, values)
+        return Pose(found.q, found.p + up)
+
+    def _rolled(self, function: Callable[..., _Found], values: dict[str, Tensor]) -> tuple[_Found, Tensor]:
+        """What a function with the arguments of `rollout_poses` returns, and by how much (W, 3) [m] poses rise."""
         X_WO, motion, up = self._start(values)
-        after = torch.from_numpy(self.times - self.episode.times.min())
-        found = rollout_poses(
+        found = function(
             self.scene,
             self.parameters(values),
             X_WO,
             motion,
-            after,
+            torch.from_numpy(self.times - self.episode.times.min()),
             V_WO=self.episode.start_velocity,
             num_threads=self.num_threads,
         )
-        return Pose(found.q, found.p + up)
+        return found, up
 
     def _start(self, values: dict[str, Tensor]) -> tuple[Pose, PusherMotion, Tensor]:
         """Pose at the start on the model's floor, the pusher's motion over it, and by how much (W, 3) [m] both rise."""

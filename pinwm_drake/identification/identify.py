@@ -37,6 +37,7 @@ from pinwm_drake.threads import one_torch_thread
 from pinwm_drake.twin.document import to_plain
 from pinwm_drake.twin.frame import confusion
 from pinwm_drake.twin.origin import Origin, registration_entry, seen_in
+from pinwm_drake.twin.rollout import SUPPORT
 from pinwm_drake.twin.twin import Twin, assemble_twin
 
 # Options that a continued search may have otherwise; threads count with the number that is used.
@@ -44,7 +45,6 @@ _MAY_CHANGE = ("checkpoint_every", "num_threads")
 NOMINAL_MASS = 1.0  # kg, where none was measured
 _CLOCK = 1e-3  # s, of an offset that was found, at least: exposures are not instants
 _LINES = ("cylinder", "capsule")  # lie on a line
-_SUPPORT = ("support_x", "support_y", "support_z")
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,13 +239,13 @@ def chosen_unknowns(
     """Names of the free unknowns, and values of others; the spread of the pressure is held where it is chosen."""
     free, held = options.names, {"mass": mass, **options.held}
     if options.support != "auto":
-        free = tuple(name for name in free if name not in _SUPPORT)
+        free = tuple(name for name in free if name not in SUPPORT)
         R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
         spread = (1.0, 1.0, 1.0)
         if options.support == "corners":
             lying = any(abs(float(one.R_OG[:, 2] @ R_WO[2])) < LYING for one in scene.acts_as if one.kind in _LINES)
             spread = (1.0 / EVEN_SHARE,) * 3 if lying else corner_spread(scene.mesh, R_WO)
-        held |= dict(zip(_SUPPORT, spread, strict=True))
+        held |= dict(zip(SUPPORT, spread, strict=True))
     return free, held
 
 

@@ -27,7 +27,7 @@ from pinwm_drake.spatial.rotations import turn_between
 
 # Parts of a motion, and the velocity from which on the object moves, rad/s and m/s.
 _PARTS, _RESTS = 12, 1e-3
-# Errors that are tried, as a share: what a whirling object makes of one is linear in it up to this.
+# Errors that are tried, as a share of a change of velocity.
 _SHARE = 0.03
 
 

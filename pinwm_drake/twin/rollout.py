@@ -42,8 +42,10 @@ _RESTS = 5e-3
 # Where the contacts of a step have no solution that the solvers find, smaller steps meet others.
 _HALVINGS = 4
 _GAP = 5e-3  # m, between pusher and the box around the object at the start of `twin_physics`
+# Factors of the spread of the pressure on a face or line.
+SUPPORT = ("support_x", "support_y", "support_z")
 # Nuisances that have a part in the physics, and their values without effect.
-NO_EFFECT = {f"center_{axis}": 0.0 for axis in "xyz"} | {f"support_{axis}": 1.0 for axis in "xyz"}
+NO_EFFECT = {f"center_{axis}": 0.0 for axis in "xyz"} | dict.fromkeys(SUPPORT, 1.0)
 NO_EFFECT |= {"contact_offset": 0.0}
 
 
@@ -155,9 +157,7 @@ def rollout_worlds(
     Raises:
         SolverError: The physics found no solution.
     """
-    start, W, h = resting_start(scene, X_WO), parameters.num_worlds, scene.model.time_step
-    motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
-    start = Pose(start.q.expand(W, 4), start.p.expand(W, 3))
+    start, motion = _begin(scene, X_WO, trajectory, t, parameters.num_worlds)
     motion = motion if frames is None else moved_motion(motion, *frames)
     with torch.no_grad():
         return rollout_poses(scene, parameters, start, motion, torch.from_numpy(t - t[0]), V_WO=V_WO)
@@ -172,10 +172,17 @@ def rollout_kicks(
     V_WO: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """Deviations (6n, r) of the poses of one world of `rollout_worlds` by errors of velocities; see `kicks.py`."""
+    start, motion = _begin(scene, X_WO, trajectory, t, 1)
+    return carried_kicks(scene, parameters, start, motion, torch.from_numpy(np.asarray(t, float) - t[0]), V_WO=V_WO)
+
+
+def _begin(
+    scene: Scene, X_WO: Pose, trajectory: PusherTrajectory, t: np.ndarray, num_worlds: int
+) -> tuple[Pose, PusherMotion]:
+    """Poses of W worlds in which rollouts at times t (n,) [s] begin, and the pusher's motion."""
     start, h = resting_start(scene, X_WO), scene.model.time_step
     motion = pusher_motion(trajectory, float(t[0]), step_count(t[-1] - t[0], h), h)
-    start = Pose(start.q[None], start.p[None])
-    return carried_kicks(scene, parameters, start, motion, torch.from_numpy(np.asarray(t, float) - t[0]), V_WO=V_WO)
+    return Pose(start.q.expand(num_worlds, 4), start.p.expand(num_worlds, 3)), motion
 
 
 def resting_start(scene: Scene, X_WO: Pose) -> Pose:

@@ -33,7 +33,7 @@ from pinwm_drake.systems.sdf.collision import (
 from pinwm_drake.systems.sdf.colours import coloured_mesh
 from pinwm_drake.systems.sdf.contact import LONGEST_EDGE, REFERENCE_SPEED, Surfaces
 from pinwm_drake.systems.sdf.text import Solid, floor_sdf, object_point_sdf, object_sdf, pusher_sdf
-from pinwm_drake.twin.rollout import NO_EFFECT, twin_parameters
+from pinwm_drake.twin.rollout import NO_EFFECT, SUPPORT, twin_parameters
 from pinwm_drake.twin.twin import Twin
 
 ContactName = Literal["hydroelastic", "point"]
@@ -90,7 +90,7 @@ def nuisance_of(twin: Twin, name: str) -> float:
 
 def twin_spread(twin: Twin) -> tuple[float, ...]:
     """Factors (3,) of the spread of the pressure on a face along the axes of O."""
-    return tuple(nuisance_of(twin, f"support_{axis}") for axis in "xyz")
+    return tuple(nuisance_of(twin, name) for name in SUPPORT)
 
 
 def not_carried(twin: Twin, contact: ContactName, down: np.ndarray | None) -> list[str]:
@@ -111,7 +111,7 @@ def not_carried(twin: Twin, contact: ContactName, down: np.ndarray | None) -> li
     mesh, spread = load_mesh(twin.mesh_path), twin_spread(twin)
     even = contact == "hydroelastic"
     even = even or (down is None and not all(stays_within(mesh, normal, spread) for normal in resting_normals(mesh)))
-    names = [f"support_{axis}" for axis in "xyz"] if even else []
+    names = list(SUPPORT) if even else []
     if _contact_shape(twin) == twin.pusher.shape:
         names.append("contact_offset")
     return [name for name in names if nuisance_of(twin, name) != NO_EFFECT[name]]

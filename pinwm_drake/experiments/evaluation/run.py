@@ -78,6 +78,7 @@ def evaluate(
     out = Path(out)
     require("--workers", workers, workers is None or workers >= 1, "1 or more")
     processes = Executor(executor, workers=workers)
+    number = processes.number(request.episodes)
     contestant = read_contestant(request)
     runner = EpisodeRunner(contestant, request)
     believed = scene_of(contestant, request) if request.stand_in else runner.env.setup
@@ -86,7 +87,7 @@ def evaluate(
         store = EpisodeStore(out / EPISODES, settings, resume=resume)
         records = _run_all(runner, request, store, processes, progress)
         evaluation = _evaluation(records)
-        provenance = provenance_of(request, contestant, runner.env, records, processes.number(request.episodes))
+        provenance = provenance_of(request, contestant, runner.env, records, number)
         write_evaluation(out / SUMMARY_FILE, evaluation, request.seeds, settings, provenance)
         write_episodes(out / TABLE_FILE, records, lying(runner.env))
         done = len(records)
