@@ -20,14 +20,15 @@ import torch
 from torch import Tensor
 
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import PER_WALK, drift, per_radius, way
+from pinwm_drake.twin.drift import drift, per_radius, way
+from pinwm_drake.twin.kicks import Kicks
 
 # b and c: m, s.
 LASTING, LASTS = 3e-4, 0.3
 
 
 def prior_root(
-    X_WO: Pose, times: Tensor, radius: float, walk: float, turn: float = 1.0, carried: Tensor | None = None
+    X_WO: Pose, times: Tensor, radius: float, walk: float, turn: float = 1.0, carried: Kicks | None = None
 ) -> Tensor:
     """Root of the prior of the corrections of n poses, K = root root'.
 
@@ -36,7 +37,7 @@ def prior_root(
         times: (n,), s.
         radius: Radius of the object, m.
         walk, turn: Drift of a position after a way of one metre, m, and its factor for a rim that turns.
-        carried: (6n, r), what errors of changes of velocity make of the poses, of `kicks.carried_kicks`; None for none.
+        carried: What errors of changes of velocity make of the poses, of `kicks.carried_kicks`; None for none.
 
     Returns:
         (6n, 6n), lower triangular; frame by frame rotation vector [rad], then position [m].
@@ -49,7 +50,8 @@ def prior_root(
         K[:, axis, :, axis] = float(a) ** 2 * common + float(b) ** 2 * lasting
     K = K.reshape(6 * n, 6 * n)
     if carried is not None:
-        K = K + (PER_WALK * walk) ** 2 * carried @ carried.T
+        root = carried.root(walk)
+        K = K + root @ root.T
     return torch.linalg.cholesky(K)
 
 

@@ -26,7 +26,7 @@ from pinwm_drake.scene import (
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.twin.frame import FRAME, moved_motion
-from pinwm_drake.twin.kicks import carried_kicks
+from pinwm_drake.twin.kicks import Kicks, carried_kicks
 from pinwm_drake.twin.rollout import pusher_impulses
 
 _Found = TypeVar("_Found")
@@ -85,8 +85,8 @@ class Forward:
         view = torch.stack([values[f"view_{axis}"] for axis in "xyz"], -1)
         return Pose(X_WO.q, X_WO.p + view), alive
 
-    def kicks(self, values: dict[str, Tensor]) -> Tensor:
-        """Return what errors of changes of velocity make of the poses, (6n, r); see `twin/kicks.py`."""
+    def kicks(self, values: dict[str, Tensor]) -> Kicks:
+        """Return what errors of changes of velocity make of the poses; see `twin/kicks.py`."""
         return self._rolled(carried_kicks, values)[0]
 
     def parameters(self, values: dict[str, Tensor]) -> Parameters:

@@ -21,6 +21,7 @@ from pinwm_drake.identification.objective import LEAST_GAIN, Objective
 from pinwm_drake.identification.problem import Problem
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.drift import DRIFTS
+from pinwm_drake.twin.kicks import Kicks
 
 # Frames whose loss is larger than this many times the median count less (Student's t of this many degrees of freedom).
 _DEGREES = 4.0
@@ -35,7 +36,7 @@ class Surrogate(Objective):
     """Objective of the unknowns without the renderer."""
 
     problem: Problem
-    carried: list[Tensor]  # (6n, r) of each push, see `Forward.kicks`
+    carried: list[Kicks]  # Of each push, see `Forward.kicks`
 
     @cached_property
     def weights(self) -> list[Tensor]:
@@ -77,11 +78,11 @@ class RefineState:
 
 @torch.no_grad()
 def surrogate_at(
-    problem: Problem, z: Tensor, corrections: Tensor, kicks: list[Tensor] | None = None
+    problem: Problem, z: Tensor, corrections: Tensor, kicks: list[Kicks] | None = None
 ) -> Surrogate | None:
     """Surrogate around the corrected poses of unknowns z (p,); None where the physics has no solution.
 
-    Kicks (6n, r) of each push may be those of unknowns near by; None for those of z.
+    Kicks of each push may be those of unknowns near by; None for those of z.
     """
     counts = [push.num_frames for push in problem.pushes]
     expansions, carried = [], list(kicks or [])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: MIT
-"""Draws from a posterior whose density is cheap: an ensemble of walkers that begins with a Gaussian's draws.
+"""Draws from a posterior whose density is cheap: an ensemble of walkers that begins with draws of Gaussians.
 
 Source: ter Braak and Vrugt, "Differential evolution Markov chain with snooker updater and fewer chains", Statistics and
     Computing 18, 2008; Nelson, Ford and Payne, "RUN DMC", ApJS 210, 2014, for its moves by halves of the ensemble.
@@ -23,8 +23,8 @@ _JITTER, _JUMP = 0.2, 10
 @torch.no_grad()
 def sample(
     objective: Callable[[Tensor], Tensor],
-    mean: Tensor,
-    covariance: Tensor,
+    means: Tensor,
+    covariances: Tensor,
     clamp: Callable[[Tensor], Tensor],
     generator: torch.Generator,
     *,
@@ -35,8 +35,8 @@ def sample(
 
     Args:
         objective: Function of (W, p), minus the logarithm of the density (W,), infinite where it is zero.
-        mean: (p,), of a Gaussian that is near the density.
-        covariance: (p, p), of it.
+        means: (K, p), of Gaussians near the density, one for each of its modes.
+        covariances: (K, p, p), of them.
         clamp: Function that brings (W, p) within bounds.
         generator: Source of randomness.
         moves: Moves of every walker; those of the second half are kept.
@@ -45,17 +45,19 @@ def sample(
     Returns:
         (N, p) draws, and their objectives (N,).
     """
-    p = len(mean)
-    values, vectors = torch.linalg.eigh(covariance)
-    root = vectors * values.clamp_min(1e-16).sqrt()
-    number = _CHOICE * WALKERS
-    normal = torch.randn(number, p, generator=generator, dtype=torch.float64)
-    chi = torch.randn(number, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
-    normal = normal / chi.sqrt()[:, None]
-    normal[0] = 0.0
-    drawn = clamp(mean + normal @ root.T)
+    modes, p = means.shape
+    values, vectors = torch.linalg.eigh(covariances)
+    values = values.clamp_min(1e-16)
+    roots = vectors * values.sqrt()[:, None]
+    each = modes, -(-_CHOICE * WALKERS // modes)
+    normal = torch.randn(*each, p, generator=generator, dtype=torch.float64)
+    chi = torch.randn(*each, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
+    normal = normal / chi.sqrt()[..., None]
+    normal[:, 0] = 0.0
+    drawn = clamp((means[:, None] + normal @ roots.mT).flatten(0, 1))
     found = objective(drawn)
-    gain = 0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES) - found
+    wide = 0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES) + 0.5 * values.log().sum(-1)[:, None]
+    gain = wide.flatten() - found
     chosen = _spread(torch.nan_to_num(gain, nan=-torch.inf), generator)
     z, energy = drawn[chosen], found[chosen]
     kept, energies = [], []
@@ -69,7 +71,7 @@ def sample(
             scale = length * (1.0 + _JITTER * torch.randn(half, 1, generator=generator, dtype=torch.float64))
             if move % _JUMP == _JUMP - 1:
                 scale = torch.ones_like(scale)
-            noise = 1e-3 * torch.randn(half, p, generator=generator, dtype=torch.float64) @ root.T
+            noise = 1e-3 * torch.randn(half, p, generator=generator, dtype=torch.float64) @ roots[0].T
             trial = z[moving] + scale * way + noise
             allowed = (clamp(trial) == trial).all(-1)
             there = torch.where(allowed, objective(clamp(trial)), torch.inf)

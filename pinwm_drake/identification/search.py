@@ -260,8 +260,8 @@ class Search:
             A, _ = surrogate.quadratic(z)
             draws, energies = sample(
                 surrogate.objective,
-                z,
-                torch.linalg.inv(A),
+                z[None],
+                torch.linalg.inv(A)[None],
                 self.coordinates.clamp,
                 torch.Generator().manual_seed(self.options.seed),
                 moves=self.options.moves,

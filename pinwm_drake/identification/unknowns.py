@@ -55,7 +55,7 @@ UNKNOWNS: dict[str, Unknown] = {
             Unknown(f"friction_{body}", "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
             for body in BODIES
         ),
-        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.5, low=0.0, high=1.0) for body in BODIES),
+        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.2, low=0.0, high=1.0) for body in BODIES),
         *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.3, low=0.15, high=3.0, physical=False) for axis in "xyz"),
         *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 1e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),
@@ -82,7 +82,7 @@ _ALIKE = (
     ("support_z", "support_x", 0.15),
 )
 NUISANCES = tuple(name for name, unknown in UNKNOWNS.items() if not unknown.physical)
-DEFAULT_FREE = ("friction_floor", "friction_pusher", "moment_xx", "moment_yy", *NUISANCES)
+DEFAULT_FREE = ("friction_floor", "friction_pusher", "restitution_pusher", "moment_xx", "moment_yy", *NUISANCES)
 
 
 class Coordinates:

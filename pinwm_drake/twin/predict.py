@@ -12,8 +12,9 @@ from pinwm_drake.geometry.meshes import half_diagonal, load_mesh
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply, turn_between
-from pinwm_drake.twin.drift import PER_WALK, drift, typical_drift, way
+from pinwm_drake.twin.drift import drift, typical_drift, way
 from pinwm_drake.twin.frame import in_world
+from pinwm_drake.twin.kicks import Kicks
 from pinwm_drake.twin.origin import in_push, start_pose, time_offset
 from pinwm_drake.twin.rollout import rollout, rollout_draws, rollout_kicks, twin_parameters, twin_scene
 from pinwm_drake.twin.twin import Twin
@@ -96,10 +97,10 @@ def mean_pose(X_WO: Pose) -> Pose:
     return Pose(q, X_WO.p.mean(1))
 
 
-def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin, carried: torch.Tensor | None = None) -> Spread:
+def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin, carried: Kicks | None = None) -> Spread:
     """Spread of rollouts q (n, W, 4), p (n, W, 3) at times t (n,), with the drift that every push has.
 
-    What its errors of velocities make of the poses is carried (6n, r), see `kicks.py`; None for none.
+    What its errors of velocities make of the poses is carried; None for none.
     """
     radius = half_diagonal(load_mesh(twin.mesh_path))
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()
@@ -108,7 +109,7 @@ def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin, carried: torch.Tensor | Non
     walk, turn = typical_drift(twin)
     variances = parts + made[:, None] * drift(radius, walk, turn).numpy()[[2, 3, 4]] ** 2
     if carried is not None:
-        variances += (PER_WALK * walk) ** 2 * carried.square().sum(-1).reshape(-1, 6)[:, [2, 3, 4]].numpy()
+        variances += carried.root(walk).square().sum(-1).reshape(-1, 6)[:, [2, 3, 4]].numpy()
     yaw, x, y = np.sqrt(variances).T
     return Spread(x, y, yaw)
 

@@ -34,7 +34,7 @@ from pinwm_drake.spatial.poses import Pose, transform
 from pinwm_drake.spatial.rotations import rotate
 from pinwm_drake.twin.drift import grips
 from pinwm_drake.twin.frame import drawn_frames, moved_motion, pivot_of
-from pinwm_drake.twin.kicks import carried_kicks
+from pinwm_drake.twin.kicks import Kicks, carried_kicks
 from pinwm_drake.twin.twin import Twin
 
 # An object that starts this near to the floor [m] rests on it; one that is farther up falls.
@@ -170,8 +170,8 @@ def rollout_kicks(
     trajectory: PusherTrajectory,
     t: np.ndarray,
     V_WO: torch.Tensor | None = None,
-) -> torch.Tensor:
-    """Deviations (6n, r) of the poses of one world of `rollout_worlds` by errors of velocities; see `kicks.py`."""
+) -> Kicks:
+    """Deviations of the poses of one world of `rollout_worlds` by errors of velocities; see `kicks.py`."""
     start, motion = _begin(scene, X_WO, trajectory, t, 1)
     return carried_kicks(scene, parameters, start, motion, torch.from_numpy(np.asarray(t, float) - t[0]), V_WO=V_WO)
 

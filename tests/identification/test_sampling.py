@@ -7,8 +7,8 @@ from pinwm_drake.identification.sampling import WALKERS, sample
 
 def drawn(objective, covariance, seed=0, moves=50, clamp=lambda z: z):
     generator = torch.Generator().manual_seed(seed)
-    mean = torch.zeros(len(covariance), dtype=torch.float64)
-    return sample(objective, mean, covariance, clamp, generator, moves=moves)
+    means = torch.zeros(1, len(covariance), dtype=torch.float64)
+    return sample(objective, means, covariance[None], clamp, generator, moves=moves)
 
 
 def correlated(p):
@@ -37,6 +37,27 @@ def test_a_bent_density_is_followed():
     assert float(z[:, 0].mean()) == pytest.approx(0.0, abs=0.15)
     assert float(z[:, 0].std()) == pytest.approx(1.0, abs=0.12)
     assert float((z[:, 1] - z[:, 0].square()).std()) == pytest.approx(0.2, rel=0.1)
+
+
+def test_modes_have_their_shares():
+    # 30 % of a density that is narrow about 0, and 70 % of one that is wide about 20, in two dimensions.
+    widths, shares = torch.tensor([0.2, 1.0], dtype=torch.float64), torch.tensor([0.3, 0.7], dtype=torch.float64)
+    means = torch.tensor([[0.0, 0.0], [20.0, 0.0]], dtype=torch.float64)
+
+    def objective(z):
+        away = (z[:, None] - means).square().sum(-1)
+        return -torch.logsumexp(shares.log() - 2.0 * widths.log() - 0.5 * away / widths.square(), -1)
+
+    covariances = widths.square()[:, None, None] * torch.eye(2, dtype=torch.float64)
+    found = []
+    for seed in range(8):
+        generator = torch.Generator().manual_seed(seed)
+        z, _ = sample(objective, means, covariances, lambda z: z, generator, moves=50)
+        near = z[:, 0] < 10.0
+        found.append(float(near.double().mean()))
+        assert float(z[near].std()) == pytest.approx(0.2, rel=0.15)
+        assert float(z[~near, 1].std()) == pytest.approx(1.0, rel=0.15)
+    assert sum(found) / len(found) == pytest.approx(0.3, abs=0.05)
 
 
 def test_nothing_is_drawn_where_the_density_is_zero_or_out_of_bounds():

@@ -11,6 +11,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
 from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, DRIFTS, PER_WALK, drift, typical_drift, way
+from pinwm_drake.twin.kicks import OF_HITS, Kicks
 from pinwm_drake.twin.predict import mean_pose, spread_of
 from pinwm_drake.twin.read import load_twin, read_draws
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws
@@ -71,10 +72,12 @@ def test_spread_is_that_of_the_draws_and_of_the_drift(tmp_path):
     walked = DRIFTS[0][0] * np.sqrt(np.array([0.0, 0.05, 0.1]))
     assert spread.y == pytest.approx(walked, rel=0.02)
     assert spread.x == pytest.approx(np.hypot(walked, [0.0, 0.005, 0.01]), rel=0.05)
-    carried = torch.zeros(n * 6, 2, dtype=torch.float64)
-    carried[2 * 6 + 4] = torch.tensor([3.0, 4.0], dtype=torch.float64)
-    more = spread_of(Pose(q, torch.from_numpy(p)), np.array([0.0, 0.5, 1.0]), twin, carried)
-    assert more.y[-1] == pytest.approx(np.hypot(spread.y[-1], 5.0 * PER_WALK * DRIFTS[0][0]))
+    slides, hits = torch.zeros(n * 6, 2, dtype=torch.float64), torch.zeros(n * 6, 1, dtype=torch.float64)
+    slides[2 * 6 + 4] = torch.tensor([3.0, 4.0], dtype=torch.float64)
+    hits[2 * 6 + 4] = 0.1
+    more = spread_of(Pose(q, torch.from_numpy(p)), np.array([0.0, 0.5, 1.0]), twin, Kicks(slides, hits))
+    errors = np.hypot(5.0 * PER_WALK * DRIFTS[0][0], 0.1 * OF_HITS)
+    assert more.y[-1] == pytest.approx(np.hypot(spread.y[-1], errors))
     assert more.x == pytest.approx(spread.x)
     assert more.yaw == pytest.approx(spread.yaw)
     assert float(DRIFTS[0][0] / drift(0.05, *DRIFTS[0])[2]) == pytest.approx(0.05)

@@ -10,7 +10,10 @@ MuJoCo would take three.
 What comes out is not a rigid block on its corners: a face that slides rattles by some micrometres, on one or two of its
 points at a time, and without friction on the floor it does not. Half the time step changes a push by up to 1.8 mm and
 1.8 degrees; a time constant of 0.1 ms instead of 1 ms changes the first push of t_mujoco by 9.5 mm and 13 degrees.
+Pokes have hits and need shorter steps. A hit bounces: a critically damped contact gives back exp(-2) of its speed.
 """
+
+from collections.abc import Sequence
 
 import mujoco  # type: ignore[import-untyped]
 import numpy as np
@@ -20,6 +23,7 @@ from pydrake.math import RigidTransform
 from benchmarks.next_push.engines.rollout import GRAVITY, LOG_RATE, EngineScene, Theta, Tip, rigid
 from benchmarks.next_push.objects import Thing
 from benchmarks.scenes.mujoco_xml import numbers, pusher
+from pinwm_drake.geometry.primitive import Primitive
 
 _STEPS_PER_LOG = 17  # 1/4080 s
 _POINT_RADIUS = 1e-5  # m
@@ -30,13 +34,30 @@ _PAIR = 'condim="3" solref="0.001 1"'
 
 
 class PokedScene(EngineScene):
-    """Floor, object and pusher in MuJoCo, the pusher on slide joints."""
+    """Floor, object and pusher in MuJoCo, the pusher on slide joints.
 
-    dt = 1 / (LOG_RATE * _STEPS_PER_LOG)
+    Args:
+        thing: The object.
+        theta: The truth about it.
+        X_WO: Its pose at first, at rest.
+        tip: The pusher; None for none.
+        steps_per_log: Time steps in 1 / `LOG_RATE`.
+        acts_as: Cylinders that meet the floor in place of the corners of what they stand for.
+    """
 
-    def __init__(self, thing: Thing, theta: Theta, X_WO: RigidTransform, tip: Tip | None) -> None:
+    def __init__(
+        self,
+        thing: Thing,
+        theta: Theta,
+        X_WO: RigidTransform,
+        tip: Tip | None,
+        *,
+        steps_per_log: int = _STEPS_PER_LOG,
+        acts_as: Sequence[Primitive] = (),
+    ) -> None:
+        self.dt = 1 / (LOG_RATE * steps_per_log)
         self._start, self._axes = (np.zeros(3), np.zeros((0, 3))) if tip is None else (np.array(tip.p_WP), tip.axes)
-        names, geoms, assets, standing = _object_geoms(thing, theta)
+        names, geoms, assets, standing = _object_geoms(thing, theta, acts_as)
         J = theta.inertia
         inertia = numbers([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])
         pairs, body = [_pair("floor", name, theta.friction_floor) for name in standing], ""
@@ -82,7 +103,9 @@ class PokedScene(EngineScene):
         )
 
 
-def _object_geoms(thing: Thing, theta: Theta) -> tuple[list[str], list[str], list[str], list[str]]:
+def _object_geoms(
+    thing: Thing, theta: Theta, acts_as: Sequence[Primitive]
+) -> tuple[list[str], list[str], list[str], list[str]]:
     """Names of the object's solid geoms, all its geoms and assets, and the names of those that meet the floor."""
     names, geoms, assets = [], [], []
     for k, (size, middle) in enumerate(thing.boxes):
@@ -94,8 +117,14 @@ def _object_geoms(thing: Thing, theta: Theta) -> tuple[list[str], list[str], lis
         corners = np.asarray(trimesh.convex.convex_hull(points).vertices)
         assets.append(f'<mesh name="mesh_{k}" vertex="{numbers(corners.ravel())}" inertia="convex"/>')
         geoms.append(f'<geom name="part_{k}" type="mesh" mesh="mesh_{k}"/>')
-    standing = list(names) if thing.boxes else []
-    for k, point in enumerate([*theta.feet, *(() if thing.boxes else thing.base_points())]):
+    standing, points = list(names) if thing.boxes else [], np.zeros((0, 3)) if thing.boxes else thing.base_points()
+    for k, round_one in enumerate(one for one in acts_as if one.kind == "cylinder"):
+        standing.append(f"round_{k}")
+        size, place = numbers([round_one.size[0], 0.5 * round_one.size[1]]), numbers(round_one.p)
+        form = f'type="cylinder" size="{size}" pos="{place}" quat="{numbers(round_one.q)}"'
+        geoms.append(f'<geom name="round_{k}" {form} mass="0"/>')
+        points = points[round_one.depth(points) < -round_one.tolerance]
+    for k, point in enumerate([*theta.feet, *points]):
         standing.append(f"point_{k}")
         middle = point + np.array([0, 0, _POINT_RADIUS])
         geoms.append(f'<geom name="point_{k}" type="sphere" size="{_POINT_RADIUS}" pos="{numbers(middle)}" mass="0"/>')

@@ -52,6 +52,8 @@ from pinwm_drake.twin.twin import Estimate
 # Unknowns of one push that poses depend on; a camera's are none of them.
 _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
 _ROUNDS = 3
+# Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
+_UNLIKELY, _SAME_MODE = 8.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +183,7 @@ class _Search:
         self.problem, self.whole, self.options, self.radius = problem, whole, options, radius
         self.report, self.log = report, Log()
         self.coarse_losses: list[float] = []
+        self.ends: list[Tensor] = []  # (p,), minima that the search found from its starts
 
     def run(self, sigma: Tensor) -> tuple[PoseSurrogate, Tensor, Tensor]:
         """Return the last surrogate, the shared unknowns (p,) at its minimum, and the noise (6,)."""
@@ -202,10 +205,11 @@ class _Search:
 
     def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
         """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""
-        A, _ = surrogate.quadratic(z)
         coordinates, generator = self.problem.coordinates, torch.Generator().manual_seed(self.options.seed)
+        modes = torch.stack(self._modes(surrogate, z))
+        covariances = torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in modes])
         draws, energies = sample(
-            surrogate.objective, z, torch.linalg.inv(A), coordinates.clamp, generator, moves=self.options.moves
+            surrogate.objective, modes, covariances, coordinates.clamp, generator, moves=self.options.moves
         )
         z = representative(surrogate.objective, coordinates, draws, energies)
         posterior = Posterior.of(z, draws, surrogate.fine_shares(z), torch.Generator().manual_seed(self.options.seed))
@@ -224,6 +228,16 @@ class _Search:
         seconds = time.monotonic() - begun
         found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
         return found, owns
+
+    def _modes(self, surrogate: PoseSurrogate, z: Tensor) -> list[Tensor]:
+        """Minima (p,) of a surrogate that are not much less likely than z (p,), z first."""
+        modes, most = [z], float(surrogate.objective(z[None])[0]) + _UNLIKELY
+        for end in self.ends:
+            one = surrogate.minimise(end)
+            near = min(float((one - other).abs().max()) for other in modes)
+            if near > _SAME_MODE and float(surrogate.objective(one[None])[0]) < most:
+                modes.append(one)
+        return modes
 
     def values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
         """Values (W,) of `UNKNOWNS`, of shared unknowns (W, p) and those of a push (W, m)."""
@@ -248,7 +262,7 @@ class _Search:
             z = surrogate.minimise(guesses[k])
             ends.append((float(surrogate.objective(z[None])[0]), z))
             self._note(surrogate, "coarse", z, len(ends) / options.starts)
-        self.coarse_losses = [value for value, _ in ends]
+        self.coarse_losses, self.ends = [value for value, _ in ends], [z for _, z in ends]
         return min(ends, key=lambda one: one[0])[1]
 
     def _residual_noise(self, z: Tensor, at: list[Tensor]) -> Tensor:

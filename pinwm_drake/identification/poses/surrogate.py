@@ -20,6 +20,7 @@ from pinwm_drake.identification.problem import Explained
 from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.twin.drift import DRIFTS
+from pinwm_drake.twin.kicks import Kicks
 
 # Relative, of a covariance's diagonal: keeps it positive.
 _RIDGE = 1e-9
@@ -68,7 +69,7 @@ class PoseSurrogate(Objective):
     at: list[Tensor]  # Unknowns (m,) of each push about which its poses are taken for linear
     slopes: list[Tensor]  # (6n, m), by the unknowns of each push
     precision: Tensor  # (6,), inverse variances of the white noise
-    carried: list[Tensor]  # (6n, r) of each push, see `Forward.kicks`
+    carried: list[Kicks]  # Of each push, see `Forward.kicks`
 
     def marginal(self, push: int, walk: float, turn: float) -> Marginal:
         """Quadratic loss of a push; see `Objective`."""
@@ -109,6 +110,18 @@ class PoseSurrogate(Objective):
         return -gain @ u[0, :-1][rows], C - gain @ J @ C
 
 
+def _steps(own: Coordinates | None) -> Tensor:
+    """Half of the span (m,) in z over which slopes by the unknowns of a push are taken.
+
+    A contact that slips or sticks makes kinks, and so the slope by a friction is that over its prior's spread.
+    """
+    if own is None:
+        return torch.zeros(0, dtype=torch.float64)
+    given = zip(own.free, own.deviations, strict=True)
+    spans = [prior / unknown.scale if unknown.name.startswith("grip_") else STEP_Z for unknown, prior in given]
+    return torch.tensor(spans, dtype=torch.float64)
+
+
 @torch.no_grad()
 def pose_surrogate(problem: PosedProblem, z: Tensor, at: list[Tensor], sigma: Tensor) -> PoseSurrogate | None:
     """Surrogate about shared unknowns z (p,) and those (m,) of each push; None where the physics has no solution.
@@ -119,7 +132,7 @@ def pose_surrogate(problem: PosedProblem, z: Tensor, at: list[Tensor], sigma: Te
     expansions, slopes, carried = [], [], []
     for one, own in zip(problem.pushes, at, strict=True):
         m, n = len(own), one.num_frames
-        steps = STEP_Z * torch.eye(m, dtype=torch.float64)
+        steps = torch.diag(_steps(problem.own))
         guesses = torch.cat([own[None], own + steps, own - steps])
         if problem.own is not None:
             guesses = problem.own.clamp(guesses)
