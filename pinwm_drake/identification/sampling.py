@@ -14,6 +14,8 @@ from torch import Tensor
 WALKERS = 96
 # Draws of the Gaussian of which the walkers are chosen, for each of them, and its degrees of freedom as a Student's t.
 _CHOICE, _DEGREES = 4, 6.0
+# Logarithm of the density where there is none, for a share of it.
+_NOTHING = 1e12
 # Precision of the power that evens out weights.
 _EVEN = 1e-3
 # Relative spread of a move's length, and every how many moves a long one goes from mode to mode.
@@ -45,21 +47,19 @@ def sample(
     Returns:
         (N, p) draws, and their objectives (N,).
     """
-    modes, p = means.shape
+    p = means.shape[1]
     values, vectors = torch.linalg.eigh(covariances)
     values = values.clamp_min(1e-16)
     roots = vectors * values.sqrt()[:, None]
-    each = modes, -(-_CHOICE * WALKERS // modes)
-    normal = torch.randn(*each, p, generator=generator, dtype=torch.float64)
-    chi = torch.randn(*each, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
-    normal = normal / chi.sqrt()[..., None]
-    normal[:, 0] = 0.0
-    drawn = clamp((means[:, None] + normal @ roots.mT).flatten(0, 1))
-    found = objective(drawn)
-    wide = 0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES) + 0.5 * values.log().sum(-1)[:, None]
-    gain = wide.flatten() - found
-    chosen = _spread(torch.nan_to_num(gain, nan=-torch.inf), generator)
-    z, energy = drawn[chosen], found[chosen]
+    evidence = 0.5 * values.log().sum(-1) - objective(means)
+    starts = [
+        _start(objective, mean, root, clamp, generator, count)
+        for mean, root, count in zip(means, roots, _shares_of(evidence), strict=True)
+        if count
+    ]
+    z, energy = (torch.cat(parts) for parts in zip(*starts, strict=True))
+    order = torch.randperm(WALKERS, generator=generator)
+    z, energy = z[order], energy[order]
     kept, energies = [], []
     half = WALKERS // 2
     length = 2.38 / (2.0 * p) ** 0.5
@@ -85,21 +85,49 @@ def sample(
     return torch.cat(kept), torch.cat(energies)
 
 
-def _spread(gain: Tensor, generator: torch.Generator) -> Tensor:
-    """Return indices (WALKERS,) of draws by their weights exp(gain) (N,), evened out until that many of them count.
+def _shares_of(evidence: Tensor) -> list[int]:
+    """Walkers of each mode, `WALKERS` in all, by the logarithms (K,) of how much of the density they hold (Laplace)."""
+    shares = torch.softmax(evidence.nan_to_num(neginf=-_NOTHING), 0)
+    ends = (WALKERS * shares.cumsum(0)).round().int()
+    return torch.diff(ends, prepend=torch.zeros(1, dtype=torch.int32)).tolist()
+
+
+def _start(
+    objective: Callable[[Tensor], Tensor],
+    mean: Tensor,
+    root: Tensor,
+    clamp: Callable[[Tensor], Tensor],
+    generator: torch.Generator,
+    count: int,
+) -> tuple[Tensor, Tensor]:
+    """Where walkers of a mode begin (count, p), and the objectives there, of its mean (p,) and a root (p, p)."""
+    number, p = _CHOICE * count, len(mean)
+    normal = torch.randn(number, p, generator=generator, dtype=torch.float64)
+    chi = torch.randn(number, int(_DEGREES), generator=generator, dtype=torch.float64).square().sum(-1) / _DEGREES
+    normal = normal / chi.sqrt()[:, None]
+    normal[0] = 0.0
+    drawn = clamp(mean + normal @ root.T)
+    found = objective(drawn)
+    gain = 0.5 * (_DEGREES + p) * torch.log1p(normal.square().sum(-1) / _DEGREES) - found
+    chosen = _spread(torch.nan_to_num(gain, nan=-torch.inf), count, generator)
+    return drawn[chosen], found[chosen]
+
+
+def _spread(gain: Tensor, count: int, generator: torch.Generator) -> Tensor:
+    """Return indices (count,) of draws by their weights exp(gain) (N,), evened out until that many of them count.
 
     Few draws with all of the weight would be no start for walkers, which move along their differences.
     """
     low, high = 0.0, 1.0
-    if _effective(gain) >= WALKERS:
+    if _effective(gain) >= count:
         low = 1.0
     while low < 1.0 and high - low > _EVEN:
         power = 0.5 * (low + high)
-        low, high = (power, high) if _effective(power * gain) >= WALKERS else (low, power)
+        low, high = (power, high) if _effective(power * gain) >= count else (low, power)
     shares = torch.softmax(torch.where(torch.isfinite(gain), low * gain, -torch.inf), 0).cumsum(0)
-    steps = torch.arange(WALKERS) + torch.rand(1, generator=generator, dtype=torch.float64)
-    chosen = torch.searchsorted(shares, steps / WALKERS * shares[-1]).clamp_max(len(gain) - 1)
-    return chosen[torch.randperm(WALKERS, generator=generator)]
+    steps = torch.arange(count) + torch.rand(1, generator=generator, dtype=torch.float64)
+    chosen = torch.searchsorted(shares, steps / count * shares[-1]).clamp_max(len(gain) - 1)
+    return chosen[torch.randperm(count, generator=generator)]
 
 
 def _effective(gain: Tensor) -> float:

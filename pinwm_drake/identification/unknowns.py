@@ -27,7 +27,7 @@ class Unknown:
     nominal: float  # Physical value at z = 0
     scale: float  # Change of the value (of its logarithm, where positive) that counts as one
     prior: float  # Standard deviation of the value (of its logarithm), before any image is seen
-    spread: float = 0.0  # Half the range (of the logarithm) from which random starts are drawn; 0 for nominal
+    spread: float = 0.0  # Half the range from which random starts are drawn, as `prior`; 0 for nominal
     low: float = -math.inf  # Lower bound of the value
     high: float = math.inf  # Upper bound
     physical: bool = True  # Whether it belongs to theta; else it is a nuisance
@@ -55,7 +55,7 @@ UNKNOWNS: dict[str, Unknown] = {
             Unknown(f"friction_{body}", "1", True, 0.2, 0.2, 1.0, spread=math.log(6.0), low=1e-4, high=5.0)
             for body in BODIES
         ),
-        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.2, low=0.0, high=1.0) for body in BODIES),
+        *(Unknown(f"restitution_{body}", "1", False, 0.0, 0.1, 0.2, spread=0.4, low=0.0, high=1.0) for body in BODIES),
         *(Unknown(f"support_{axis}", "1", True, 1.15, 0.2, 0.3, low=0.15, high=3.0, physical=False) for axis in "xyz"),
         *(Unknown(f"center_{axis}", "m", False, 0.0, 1e-3, 1e-3, low=-0.2, high=0.2, physical=False) for axis in "xyz"),
         Unknown("contact_offset", "m", False, 0.0, 5e-4, 1e-3, low=-0.02, high=0.02, physical=False),

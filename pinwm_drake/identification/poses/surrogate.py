@@ -113,12 +113,12 @@ class PoseSurrogate(Objective):
 def _steps(own: Coordinates | None) -> Tensor:
     """Half of the span (m,) in z over which slopes by the unknowns of a push are taken.
 
-    A contact that slips or sticks makes kinks, and so the slope by a friction is that over its prior's spread.
+    A pusher that slips or sticks makes kinks, and so the slope by its friction is that over the spread of its prior.
     """
     if own is None:
         return torch.zeros(0, dtype=torch.float64)
     given = zip(own.free, own.deviations, strict=True)
-    spans = [prior / unknown.scale if unknown.name.startswith("grip_") else STEP_Z for unknown, prior in given]
+    spans = [prior / unknown.scale if unknown.name == "grip_pusher" else STEP_Z for unknown, prior in given]
     return torch.tensor(spans, dtype=torch.float64)
 
 

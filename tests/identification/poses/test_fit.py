@@ -41,7 +41,16 @@ def log(angle: float, aside: float) -> PusherTrajectory:
     return PusherTrajectory(t, p, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), v, None)
 
 
-def write_push(folder, capture, name, pushed, seed=0):
+def poke(speed: float) -> PusherTrajectory:
+    """A pusher that hits the middle of the cube's face at a speed [m/s], and stops 5 mm behind that face."""
+    t = np.linspace(0.0, END, 601)
+    along = np.minimum(-0.5 * SIDE - 0.03 + speed * t, -0.5 * SIDE - 0.005)
+    p = np.stack([along, 0 * t, 0 * t + 0.5 * SIDE], -1)
+    v = np.pad(np.diff(p, axis=0) / np.diff(t)[:, None], ((0, 1), (0, 0)))
+    return PusherTrajectory(t, p, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), v, None)
+
+
+def write_push(folder, capture, name, pushed, seed=0, **theta):
     """An episode without a film: true poses with noise, and the log in the robot's frame."""
     scene = make_scene(capture.object.mesh_path, PusherGeometry(None, SHAPE), q_WO=LEVEL, gravity=9.81)
     X_WO = capture.object.X_WO
@@ -49,7 +58,7 @@ def write_push(folder, capture, name, pushed, seed=0):
     start = Pose(LEVEL[None], X_WO.p[None])
     found = rollout_poses(
         scene,
-        Parameters.nominal(scene.model, **TRUTH),
+        Parameters.nominal(scene.model, **TRUTH | theta),
         start,
         pusher_motion(pushed, 0.0, STEPS, 1 / 240),
         torch.from_numpy(t),
@@ -97,6 +106,20 @@ def test_two_faces_tell_the_frame_and_friction(two):
     assert two.twin.provenance["poses"]["noise"]["position"][0] == pytest.approx(NOISE, rel=0.3)
     assert {"start_x.0", "start_x.1", "grip_floor.0"} <= set(two.twin.nuisance)
     assert "start_x" not in two.twin.nuisance
+
+
+def test_a_hit_tells_the_restitution(capture, tmp_path):
+    folder, true = tmp_path / "capture", 0.3
+    shutil.copytree(capture, folder)
+    write_push(folder, load_capture(folder), "0004", poke(0.8), restitution_pusher=true)
+    options = replace(QUICK, time_step=None)
+    found = identify(folder, tmp_path / "twin", episodes=["0004"], poses="object_poses.csv", options=options).twin
+    one = found.theta["restitution_pusher"]
+    assert one.interval[0] < true < one.interval[1]
+    assert one.value == pytest.approx(true, abs=0.1)
+    friction = found.theta["friction_floor"]
+    assert friction.interval[0] < TRUTH["friction_floor"] < friction.interval[1]
+    assert friction.value == pytest.approx(TRUTH["friction_floor"], rel=0.1)
 
 
 @pytest.mark.nightly
