@@ -69,8 +69,11 @@ def carried_kicks(
 ) -> Kicks:
     """Deviations of the n poses of a push by errors of its changes of velocity.
 
-    Arguments are those of `scene.rollout_poses`, of one world and n times. There is no column where nothing moves or
-    the physics has no solution.
+    Arguments are those of `scene.rollout_poses`, of one world and n times.
+
+    Returns:
+        (6n, m) and (6n, k): frame by frame rotation vector [rad] and position [m]. None, m = k = 0, where nothing moves
+        or the physics has no solution.
     """
     start, V_WP = start_state(scene, parameters, X_WO, motion, V_WO)
     stepper, columns = Stepper(scene.model, num_threads=num_threads), []
