@@ -52,6 +52,8 @@ from pinwm_drake.twin.twin import Estimate
 # Unknowns of one push that poses depend on; a camera's are none of them.
 _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pusher")
 _ROUNDS = 3
+# Shares of the way to a surrogate's minimum that are tried.
+_STEPS = (1.0, 0.5, 0.25, 0.125)
 # Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
 _UNLIKELY, _SAME_MODE = 8.0, 0.05
 
@@ -190,18 +192,34 @@ class _Search:
         m = 0 if self.problem.own is None else len(self.problem.own)
         z = torch.zeros(len(self.problem.coordinates), dtype=torch.float64)
         at = [torch.zeros(m, dtype=torch.float64) for _ in self.whole]
+        z = self._screened(self._expand(z, at, sigma))
         surrogate = self._expand(z, at, sigma)
-        z = self._screened(surrogate)
-        for turn in range(_ROUNDS):
-            surrogate = self._expand(z, at, sigma)
-            z = surrogate.minimise(z)
+        for turn in range(_ROUNDS + 1):
+            z, at = self._step(surrogate, z, at)
+            if turn == _ROUNDS:
+                break
             self._note(surrogate, "fine", z, (turn + 1) / _ROUNDS)
-            if self.problem.own is not None:
-                walk = surrogate.walk(z)
-                at = [self.problem.own.clamp(surrogate.own(z, push, walk)[0]) for push in range(len(at))]
             sigma = self._residual_noise(z, at)
-        surrogate = self._expand(z, at, sigma)
-        return surrogate, surrogate.minimise(z), sigma
+            surrogate = self._expand(z, at, sigma)
+        return surrogate, z, sigma
+
+    def _step(self, surrogate: PoseSurrogate, z: Tensor, at: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
+        """Unknowns of the object (p,) and of each push on the way to a surrogate's minimum, as far as it explains more.
+
+        The surrogate takes what unknowns of a push do for linear. Far away that is wrong.
+        """
+        goal = surrogate.minimise(z)
+        walk = surrogate.walk(goal)
+        wanted = at
+        if self.problem.own is not None:
+            wanted = [self.problem.own.clamp(surrogate.own(goal, push, walk)[0]) for push in range(len(at))]
+        before = surrogate.joint(z, at, walk)
+        for share in _STEPS:
+            there = self.problem.coordinates.clamp(z + share * (goal - z))
+            owns = [one + share * (other - one) for one, other in zip(at, wanted, strict=True)]
+            if surrogate.joint(there, owns, walk) < before:
+                return there, owns
+        return z, at
 
     def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
         """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""

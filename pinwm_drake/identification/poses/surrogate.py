@@ -7,6 +7,8 @@ correction, with a covariance J C J' of their slopes J and priors C. What is lef
 object and of the frame, however many pushes there are.
 """
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -95,16 +97,36 @@ class PoseSurrogate(Objective):
         return torch.nn.functional.pad(u, (0, 1)), alive
 
     @torch.no_grad()
+    def joint(self, z: Tensor, owns: Sequence[Tensor], walk: int) -> float:
+        """Objective of shared unknowns z (p,) and those (m,) of each push together, with nothing taken for linear."""
+        total = float(self.problem.coordinates.penalty(z))
+        for push, (one, own) in enumerate(zip(self.problem.pushes, owns, strict=True)):
+            d, alive = one.deviations(self.problem.values(z[None], own[None]))
+            if not bool(alive[0]):
+                return math.inf
+            rows, S = self._seen(push, walk)
+            root = torch.linalg.cholesky(S)
+            white = torch.linalg.solve_triangular(root, d.reshape(-1, 1)[rows], upper=False)
+            total += 0.5 * float(white.square().sum())
+            if self.problem.own is not None:
+                total += float(self.problem.own.penalty(own))
+        return total
+
+    def _seen(self, push: int, walk: int) -> tuple[Tensor, Tensor]:
+        """Rows of deviations (6n,) that were measured, and the covariance of corrections and noise among them."""
+        one = self.problem.pushes[push]
+        rows = one.seen.repeat(one.num_frames)
+        noise = torch.diag((1.0 / self.precision.clamp_min(1e-12)).repeat(one.num_frames))
+        return rows, (self._covariance(push, *DRIFTS[walk]) + noise)[rows][:, rows]
+
+    @torch.no_grad()
     def own(self, z: Tensor, push: int, walk: int) -> tuple[Tensor, Tensor]:
         """Mean (m,) and covariance (m, m) of the unknowns of a push, given the shared ones z (p,) and a drift."""
-        one, J, own = self.problem.pushes[push], self.slopes[push], self.problem.own
+        J, own = self.slopes[push], self.problem.own
         assert own is not None
-        n = one.num_frames
-        rows = one.seen.repeat(n)
         C = torch.linalg.inv(own.precision)
-        K = self._covariance(push, *DRIFTS[walk])
-        noise = torch.diag((1.0 / self.precision.clamp_min(1e-12)).repeat(n))
-        J, S = J[rows], (K + noise)[rows][:, rows]
+        rows, S = self._seen(push, walk)
+        J = J[rows]
         u, _ = self.deviations(z[None], push)
         gain = C @ J.T @ torch.linalg.inv(J @ C @ J.T + S)
         return -gain @ u[0, :-1][rows], C - gain @ J @ C
