@@ -150,7 +150,7 @@ def table_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         ]
         median = 100.0 * float(np.median(errors))
         words = "MuJoCo" if engine == "mujoco" else engine
-        agree = sum(_agree(row) for row in some)
+        agree = sum(map(_agree, some)) if all(len(row["found"]) > 1 for row in some) else "not run"
         lines.append((f"{words}, {way}", len(some), f"{median:.1f} %", *near, *held, agree))
     return markdown(_HEADER, lines)
 
