@@ -343,7 +343,7 @@ def representative(
     They are its mean where that is as likely as its draws are. Where the posterior is bent, the mean is not; then it is
     the draw nearest to the mean, in units of the draws' covariance, of the likelier half. An unknown that cannot be
     less than what it usually is, such as a restitution of zero, is that wherever the draws are densest there: their
-    mean never is.
+    mean never is. Others then have the mean that goes with it.
 
     Args:
         objective: Minus the logarithm of the density (W,) of unknowns (W, p).
@@ -358,7 +358,10 @@ def representative(
     covariance = torch.cov(draws.T) + 1e-9 * torch.eye(draws.shape[1], dtype=torch.float64)
     away = likely - mean
     nearest = likely[int((away * torch.linalg.solve(covariance, away.T).T).sum(-1).argmin())]
-    for z in (torch.where(least, coordinates.low, mean), mean, torch.where(least, coordinates.low, nearest)):
+    # What goes with them: the others' mean, given that these are least.
+    among = covariance[least][:, least]
+    given = mean + covariance[:, least] @ torch.linalg.solve(among, (coordinates.low - mean)[least])
+    for z in (torch.where(least, coordinates.low, given), mean, torch.where(least, coordinates.low, nearest)):
         if float(objective(z[None])[0]) <= usual:
             return z
     return nearest

@@ -30,6 +30,19 @@ def test_a_restitution_whose_draws_are_densest_at_zero_is_zero_and_the_friction_
     assert float(found[0]) == pytest.approx(0.5, abs=0.05)
 
 
+def test_the_friction_goes_with_a_restitution_that_is_set_to_zero():
+    # Half a normal density of the restitution, with which the friction grows.
+    z = torch.randn(4000, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    draws = torch.stack([0.3 * z[:, 0] + 0.8 * z[:, 1].abs(), z[:, 1].abs()], -1)
+
+    def objective(z):
+        return 0.5 * ((z[:, 0] - 0.8 * z[:, 1]) / 0.3).square() + 0.5 * z[:, 1].square()
+
+    found = representative(objective, COORDINATES, draws, objective(draws))
+    assert float(found[1]) == 0.0
+    assert float(found[0]) == pytest.approx(0.0, abs=0.03)
+
+
 @pytest.mark.parametrize("peak", [1.5, 4.0])
 def test_other_restitutions_are_the_mean_of_their_draws(peak):
     draws, energies = drawn(peak)
