@@ -188,20 +188,18 @@ class _Search:
         self.ends: list[Tensor] = []  # (p,), minima that the search found from its starts
 
     def run(self, sigma: Tensor) -> tuple[PoseSurrogate, Tensor, Tensor]:
-        """Return the last surrogate, the shared unknowns (p,) at its minimum, and the noise (6,)."""
+        """Return the last surrogate, the shared unknowns (p,) near its minimum, and the noise (6,)."""
         m = 0 if self.problem.own is None else len(self.problem.own)
         z = torch.zeros(len(self.problem.coordinates), dtype=torch.float64)
         at = [torch.zeros(m, dtype=torch.float64) for _ in self.whole]
         z = self._screened(self._expand(z, at, sigma))
         surrogate = self._expand(z, at, sigma)
-        for turn in range(_ROUNDS + 1):
+        for turn in range(_ROUNDS):
             z, at = self._step(surrogate, z, at)
-            if turn == _ROUNDS:
-                break
             self._note(surrogate, "fine", z, (turn + 1) / _ROUNDS)
             sigma = self._residual_noise(z, at)
             surrogate = self._expand(z, at, sigma)
-        return surrogate, z, sigma
+        return surrogate, self._step(surrogate, z, at)[0], sigma
 
     def _step(self, surrogate: PoseSurrogate, z: Tensor, at: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
         """Unknowns of the object (p,) and of each push on the way to a surrogate's minimum, as far as it explains more.
