@@ -81,12 +81,10 @@ def motion(setup: Setup, trial: Trial, engine: str) -> ObjectPoses:
         thing = StandingAnyhow(twin.name, twin.mesh_path, twin.mesh_path, (), hulls)
         assert twin.pusher.shape is not None
         tip = Tip(twin.pusher.shape, np.asarray(trial.push.p_WP, float).copy())
-        # MuJoCo and the Python package of it are imported where they are asked for.
+        # It may not be installed.
         from benchmarks.next_push.engines.mujoco import PokedScene
 
-        scene = PokedScene(
-            thing, twin_truth(twin), trial.X_WO, tip, steps_per_log=_STEPS_PER_LOG, acts_as=twin.acts_as or ()
-        )
+        scene = PokedScene(thing, twin_truth(twin), trial.X_WO, tip, steps_per_log=_STEPS_PER_LOG, acts_as=twin.acts_as)
         found = scene.roll_out(t, trial.push)
         places = [X.translation() for X in found.X_WO]
         turns = [X.rotation().ToQuaternion().wxyz() for X in found.X_WO]

@@ -27,7 +27,7 @@ class Unknown:
     nominal: float  # Physical value at z = 0
     scale: float  # Change of the value (of its logarithm, where positive) that counts as one
     prior: float  # Standard deviation of the value (of its logarithm), before any image is seen
-    spread: float = 0.0  # Half the range from which random starts are drawn, as `prior`; 0 for nominal
+    spread: float = 0.0  # Half the range of random starts (of the logarithm, where positive); 0 for nominal
     low: float = -math.inf  # Lower bound of the value
     high: float = math.inf  # Upper bound
     physical: bool = True  # Whether it belongs to theta; else it is a nuisance

@@ -21,8 +21,6 @@ OUT_OF_PLANE = 0.1
 # Walk and turn that a search chooses from, and those that are told apart when it is done.
 DRIFTS = tuple((walk, turn) for walk in (5e-3, 1e-2, 2e-2) for turn in (1.0, 2.5))
 FINE_DRIFTS = tuple((3e-3 * 2.0 ** (k / 2), 2.0 ** (n / 2)) for k in range(8) for n in range(6))
-# Error of a change of velocity by sliding as a share of it, for a drift of one metre in a metre; see `kicks.py`.
-PER_WALK = 0.5
 # Standard deviations of the logarithms of a push's frictions against those of the object: a face that rattles, a law of
 # contact that is another one, or another place act on a whole push alike, and otherwise on the next one.
 GRIPS = {"friction_floor": 0.05, "friction_pusher": 0.2}

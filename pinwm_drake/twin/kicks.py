@@ -27,14 +27,14 @@ from pinwm_drake.physics.stepper import Stepper
 from pinwm_drake.scene import PusherMotion, Scene, poses_at, start_state
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import turn_between
-from pinwm_drake.twin.drift import PER_WALK
 
 # Parts of a motion, and the velocity from which on the object moves, rad/s and m/s.
 _PARTS, _RESTS = 12, 1e-3
 # Errors that are tried, as a share of a change of velocity.
 _SHARE = 0.03
-# Error of what a hit changes, as a share of it, in each direction.
-OF_HITS = 0.02
+# Error of what sliding changes, as a share of it, for a drift of one metre in a metre; and of what a hit changes, in
+# each direction.
+PER_WALK, OF_HITS = 0.5, 0.02
 # A hit changes a velocity, or that of the rim, by more in a step than gravity by this factor; hits that count.
 _HITS, _MOST_HITS = 5.0, 4
 

@@ -100,7 +100,7 @@ def mean_pose(X_WO: Pose) -> Pose:
 def spread_of(X_WO: Pose, t: np.ndarray, twin: Twin, carried: Kicks | None = None) -> Spread:
     """Spread of rollouts q (n, W, 4), p (n, W, 3) at times t (n,), with the drift that every push has.
 
-    What its errors of velocities make of the poses is carried; None for none.
+    Of `kicks.carried_kicks`, carried is what errors of velocities make of the poses; None for none.
     """
     radius = half_diagonal(load_mesh(twin.mesh_path))
     made = way(Pose(X_WO.q.swapaxes(0, 1), X_WO.p.swapaxes(0, 1)), torch.from_numpy(t), radius).mean(0).numpy()

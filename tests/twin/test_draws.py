@@ -10,8 +10,8 @@ import torch
 from pinwm_drake.errors import InputError
 from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.spatial.rotations import quaternion_exp
-from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, DRIFTS, PER_WALK, drift, typical_drift, way
-from pinwm_drake.twin.kicks import OF_HITS, Kicks
+from pinwm_drake.twin.drift import DRIFT, DRIFT_TURN, DRIFTS, drift, typical_drift, way
+from pinwm_drake.twin.kicks import OF_HITS, PER_WALK, Kicks
 from pinwm_drake.twin.predict import mean_pose, spread_of
 from pinwm_drake.twin.read import load_twin, read_draws
 from pinwm_drake.twin.twin import DRAWS_FILE, Draws

@@ -16,8 +16,7 @@ from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.models import object_model
 from pinwm_drake.scene import make_scene
 from pinwm_drake.spatial.poses import Pose
-from pinwm_drake.twin.drift import PER_WALK
-from pinwm_drake.twin.kicks import OF_HITS, Kicks
+from pinwm_drake.twin.kicks import OF_HITS, PER_WALK, Kicks
 from tests.identification.test_discrepancy import RADIUS, WALK, straight
 
 LEVEL = torch.tensor([1.0, 0.0, 0.0, 0.0], dtype=torch.float64)

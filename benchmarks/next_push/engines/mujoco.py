@@ -42,7 +42,7 @@ class PokedScene(EngineScene):
         X_WO: Its pose at first, at rest.
         tip: The pusher; None for none.
         steps_per_log: Time steps in 1 / `LOG_RATE`.
-        acts_as: Cylinders that meet the floor in place of the corners of what they stand for.
+        acts_as: Primitives of the object. Its cylinders meet the floor in the place of corners; others are left out.
     """
 
     def __init__(
