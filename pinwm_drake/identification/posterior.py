@@ -22,7 +22,7 @@ KEPT = 400
 _NARROWED, PRECISE, _ZERO = 0.5, 0.3, 0.1
 _MASS_NOTE = "held: with a velocity-driven pusher only ratios to the mass are observable"
 _RATIO_NOTE = "free beside the inertia: only their ratio is observable, so that the interval is that of the prior"
-_PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
+PRIOR_NOTE = "the video says little about it: the interval is mostly that of the prior"
 _DRIFT_NOTE = "standard deviation of what no parameter explains, after a way of one metre"
 _TURN_NOTE = "factor of that for the rim of an object that turns"
 _MOMENTS = {"inertia_xx": ("yy", "zz"), "inertia_yy": ("xx", "zz"), "inertia_zz": ("xx", "yy")}
@@ -132,4 +132,4 @@ def interval(values: np.ndarray, value: float) -> tuple[float, float]:
 def _estimate(value: float, after: np.ndarray, before: np.ndarray, unit: str, *, physical: bool) -> Estimate:
     narrowed = float(after.std()) < _NARROWED * float(before.std())
     precise = not physical or float(after.std()) < PRECISE * (abs(value) or _ZERO)
-    return Estimate(value, interval(after, value), bool(narrowed and precise), unit, "" if narrowed else _PRIOR_NOTE)
+    return Estimate(value, interval(after, value), bool(narrowed and precise), unit, "" if narrowed else PRIOR_NOTE)

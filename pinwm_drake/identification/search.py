@@ -24,6 +24,7 @@ from pinwm_drake.identification.history import Log
 from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.locate import LIMIT
+from pinwm_drake.identification.objective import LEAST_GAIN, Objective
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures, spaced
 from pinwm_drake.identification.posterior import Posterior
@@ -42,9 +43,13 @@ _CLOSE, _REFINED = 1.5, 2
 # images are quadratic over a pixel or two only. The later pictures are made with the clock that was found, which tells
 # where the pusher hides pixels.
 _SIZES = (0.5, 1.0)
-# Mean of draws above a bound, in their standard deviations, below which they are densest at it: that of a normal
-# distribution whose peak is one of its own standard deviations above the bound, below which it is cut off, is 1.62.
-_DENSEST = 1.6
+# Mean of draws above a bound, in their standard deviations, below which they are densest at it: that of half a normal
+# distribution is 1.32, and that of an even one is 1.73.
+_DENSEST = 1.5
+# Guesses without a rendering, for each that is screened with one.
+GUESSES = 8
+# Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
+_UNLIKELY, SAME_MODE = 8.0, 0.05
 _SKETCHES, _SKETCH_SIZE = 4, 80.0  # pictures that show a guess, and the longer side of the object in them, px
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
@@ -179,6 +184,7 @@ class Search:
             folder, about, resume=resume, every=options.checkpoint_every, size=len(self.coordinates.names)
         )
         self._sketched: Problem | None = None
+        self._ends: list[Tensor] = []  # (p,), minima of the surrogate of small pictures
 
     def run(self) -> Found:
         """Search, or go on with an interrupted search.
@@ -196,6 +202,7 @@ class Search:
         # Several starts on pictures of the first size, the best of them on the others.
         found = [self._fine(0, k, starts[k], None, (place, len(chosen))) for place, k in enumerate(chosen)]
         surrogate, state, start = _best([(*one, k) for one, k in zip(found, chosen, strict=True)])
+        state = self._widened(surrogate, state)
         for turn in range(1, len(_SIZES)):
             surrogate, state, start = _best([(*self._fine(turn, start, state.z, state, (0, 1)), start)])
         draws, energies = self._sample(surrogate, state.z)
@@ -254,14 +261,32 @@ class Search:
         self.kept.end(key, {"z": state.z, "corrections": state.corrections, "loss": state.loss})
         return surrogate, state
 
+    def _widened(self, surrogate: Surrogate, state: RefineState) -> RefineState:
+        """State at the best minimum that random guesses of what is the object's lead to, where that explains more.
+
+        By now the images' surrogate shows the way of the object, and a guess costs no rendering.
+        """
+        coordinates, options = self.coordinates, self.options
+        number, generator = GUESSES * options.screened, torch.Generator().manual_seed(options.seed)
+        physical = torch.tensor([unknown.physical for unknown in coordinates.free])
+        guesses = torch.where(physical, coordinates.draw(number, generator), state.z)
+        values = surrogate.objective(guesses)
+        order = torch.argsort(values, stable=True)[: min(options.starts, int(torch.isfinite(values).sum()))]
+        self._ends = [surrogate.minimise(guess) for guess in guesses[order]]
+        best = min(self._ends, key=lambda z: float(surrogate.objective(z[None])[0]), default=state.z)
+        before, after = surrogate.objective(torch.stack([state.z, best])).tolist()
+        if after > before - LEAST_GAIN:
+            return state
+        return replace(state, z=best, corrections=torch.cat(surrogate.corrections(best, surrogate.walk(best))))
+
     def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
         """Draws (N, p) from the posterior, and their objectives (N,)."""
         if not self.kept.result("sample"):
-            A, _ = surrogate.quadratic(z)
+            means = torch.stack(modes(surrogate, z, self._ends))
             draws, energies = sample(
                 surrogate.objective,
-                z[None],
-                torch.linalg.inv(A)[None],
+                means,
+                torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in means]),
                 self.coordinates.clamp,
                 torch.Generator().manual_seed(self.options.seed),
                 moves=self.options.moves,
@@ -333,6 +358,17 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
         return joint_loss(surrogate, state.z, state.corrections, weights, walk)
 
     return min(alive, key=loss)
+
+
+def modes(surrogate: Objective, z: Tensor, ends: Sequence[Tensor]) -> list[Tensor]:
+    """Minima (p,) of a surrogate that are not much less likely than z (p,), z first; each of the ends leads to one."""
+    found, most = [z], float(surrogate.objective(z[None])[0]) + _UNLIKELY
+    for end in ends:
+        one = surrogate.minimise(end)
+        near = min(float((one - other).abs().max()) for other in found)
+        if near > SAME_MODE and float(surrogate.objective(one[None])[0]) < most:
+            found.append(one)
+    return found
 
 
 def representative(

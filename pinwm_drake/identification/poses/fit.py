@@ -6,6 +6,7 @@ measurement is told by what neighbouring poses do not share, first of the measur
 """
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -35,11 +36,11 @@ from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import spaced
 from pinwm_drake.identification.poses.noise import checked, track, white_noise
 from pinwm_drake.identification.poses.surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
-from pinwm_drake.identification.posterior import Posterior
+from pinwm_drake.identification.posterior import KEPT, PRIOR_NOTE, Posterior
 from pinwm_drake.identification.sampling import sample
-from pinwm_drake.identification.search import Outcome, Progress, representative
+from pinwm_drake.identification.search import GUESSES, SAME_MODE, Outcome, Progress, modes, representative
 from pinwm_drake.identification.time_step import time_step_of
-from pinwm_drake.identification.unknowns import UNKNOWNS, Coordinates
+from pinwm_drake.identification.unknowns import BODIES, UNKNOWNS, Coordinates
 from pinwm_drake.reading.contents import read_bytes
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.spatial.poses import Pose
@@ -54,8 +55,22 @@ _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pu
 _ROUNDS = 3
 # Shares of the way to a surrogate's minimum that are tried.
 _STEPS = (1.0, 0.5, 0.25, 0.125)
-# Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
-_UNLIKELY, _SAME_MODE = 8.0, 0.05
+# Objectives of minima that are the same.
+_SAME_VALUE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Minimum that a search found: shared unknowns (p,), those (m,) of each push, its surrogate and joint objective."""
+
+    z: Tensor
+    at: list[Tensor]
+    surrogate: PoseSurrogate
+    value: float
+
+    def same(self, other: "_End") -> bool:
+        """Whether another search ended in the same minimum."""
+        return abs(self.value - other.value) < _SAME_VALUE and float((self.z - other.z).abs().max()) < SAME_MODE
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +144,10 @@ def identify_poses(
             for one, (table, _) in zip(whole, sound, strict=True)
         ]
         free, held = chosen_unknowns(capture, options, scene, mass)
-        own_names = [name for name in _OWN if name in free]
+        # One push alone tells the product of an object's friction and its own factor.
+        grips = {f"grip_{body}": f"friction_{body}" for body in BODIES} if len(pushes) == 1 else {}
+        grips = {grip: friction for grip, friction in grips.items() if grip in free and friction in free}
+        own_names = [name for name in _OWN if name in free and name not in grips]
         far = {f"start_{axis}": 3.0 * float(sigma[3:5].max()) for axis in "xy"} | {"start_yaw": 3.0 * float(sigma[2])}
         priors = {name: max(UNKNOWNS[name].prior, one) for name, one in far.items()}
         own = Coordinates(own_names, held, 1, [priors]) if own_names else None
@@ -144,6 +162,7 @@ def identify_poses(
         drawn = torch.cat([found.posterior.z[None], found.posterior.kept])
         values = [search.values(drawn, mean.expand(len(drawn), -1)) for mean, _ in owns]
         scale = find_mass_scale(forwards, values, options.seed) if unknown else None
+        found = replace(found, posterior=_parted(coordinates, found.posterior, grips, options.seed))
     wrong = {
         f"{push.name}/{table.path.name}": lines for push, (table, lines) in zip(pushes, sound, strict=True) if lines
     }
@@ -164,6 +183,9 @@ def identify_poses(
             if suffix:
                 for name in estimates:
                     twin.nuisance.pop(name, None)
+    for grip in grips:
+        spread = math.exp(TWO_SIDED * UNKNOWNS[grip].prior)
+        twin.nuisance[grip] = Estimate(1.0, (1.0 / spread, spread), False, UNKNOWNS[grip].unit, PRIOR_NOTE)
     twin = with_mass(twin, scale)
     poses = [
         ObjectPoses(one.forward.times, X.p.numpy(), X.q.numpy()) for one, X in zip(whole, found.poses, strict=True)
@@ -188,18 +210,49 @@ class _Search:
         self.ends: list[Tensor] = []  # (p,), minima that the search found from its starts
 
     def run(self, sigma: Tensor) -> tuple[PoseSurrogate, Tensor, Tensor]:
-        """Return the last surrogate, the shared unknowns (p,) near its minimum, and the noise (6,)."""
+        """Return the surrogate at the best minimum that was found, its shared unknowns (p,), and the noise (6,).
+
+        Random guesses are screened. The best are followed one by one, until two end in the best minimum so far.
+        """
         m = 0 if self.problem.own is None else len(self.problem.own)
-        z = torch.zeros(len(self.problem.coordinates), dtype=torch.float64)
         at = [torch.zeros(m, dtype=torch.float64) for _ in self.whole]
-        z = self._screened(self._expand(z, at, sigma))
+        nominal = self._expand(torch.zeros(len(self.problem.coordinates), dtype=torch.float64), at, sigma)
+        best: _End | None = None
+        for number, guess in enumerate(self._screened(nominal)[: self.options.starts]):
+            try:
+                z, owns, noise = self._followed(nominal, guess, at, sigma)
+                noise = torch.minimum(sigma, noise)
+                if best is not None and bool((noise < sigma).any()):
+                    best = self._end(best.z, best.at, noise)
+                end, sigma = self._end(z, owns, noise), noise
+            except SolverError:
+                continue
+            self.ends.append(end.z)
+            self.coarse_losses.append(end.value)
+            self._note(end.surrogate, "fine", end.z, (number + 1) / self.options.starts)
+            again = best is not None and end.same(best)
+            best = end if best is None or end.value < best.value else best
+            if again:
+                break
+        if best is None:
+            raise SolverError("the physics found no solution for any start; try another seed or a smaller time step")
+        return best.surrogate, best.z, sigma
+
+    def _followed(
+        self, surrogate: PoseSurrogate, guess: Tensor, at: list[Tensor], sigma: Tensor
+    ) -> tuple[Tensor, list[Tensor], Tensor]:
+        """Shared unknowns (p,), those of each push, and noise (6,) to which a guess (p,) leads from a surrogate on."""
+        z = surrogate.minimise(guess)
         surrogate = self._expand(z, at, sigma)
-        for turn in range(_ROUNDS):
+        for _ in range(_ROUNDS):
             z, at = self._step(surrogate, z, at)
-            self._note(surrogate, "fine", z, (turn + 1) / _ROUNDS)
-            sigma = self._residual_noise(z, at)
+            sigma = torch.minimum(sigma, self._residual_noise(z, at))
             surrogate = self._expand(z, at, sigma)
-        return surrogate, self._step(surrogate, z, at)[0], sigma
+        return *self._step(surrogate, z, at), sigma
+
+    def _end(self, z: Tensor, at: list[Tensor], sigma: Tensor) -> _End:
+        surrogate = self._expand(z, at, sigma)
+        return _End(z, at, surrogate, surrogate.joint(z, at, surrogate.walk(z)))
 
     def _step(self, surrogate: PoseSurrogate, z: Tensor, at: list[Tensor]) -> tuple[Tensor, list[Tensor]]:
         """Unknowns of the object (p,) and of each push on the way to a surrogate's minimum, as far as it explains more.
@@ -222,10 +275,10 @@ class _Search:
     def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
         """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""
         coordinates, generator = self.problem.coordinates, torch.Generator().manual_seed(self.options.seed)
-        modes = torch.stack(self._modes(surrogate, z))
-        covariances = torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in modes])
+        means = torch.stack(modes(surrogate, z, self.ends))
+        covariances = torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in means])
         draws, energies = sample(
-            surrogate.objective, modes, covariances, coordinates.clamp, generator, moves=self.options.moves
+            surrogate.objective, means, covariances, coordinates.clamp, generator, moves=self.options.moves
         )
         z = representative(surrogate.objective, coordinates, draws, energies)
         posterior = Posterior.of(z, draws, surrogate.fine_shares(z), torch.Generator().manual_seed(self.options.seed))
@@ -245,16 +298,6 @@ class _Search:
         found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
         return found, owns
 
-    def _modes(self, surrogate: PoseSurrogate, z: Tensor) -> list[Tensor]:
-        """Minima (p,) of a surrogate that are not much less likely than z (p,), z first."""
-        modes, most = [z], float(surrogate.objective(z[None])[0]) + _UNLIKELY
-        for end in self.ends:
-            one = surrogate.minimise(end)
-            near = min(float((one - other).abs().max()) for other in modes)
-            if near > _SAME_MODE and float(surrogate.objective(one[None])[0]) < most:
-                modes.append(one)
-        return modes
-
     def values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
         """Values (W,) of `UNKNOWNS`, of shared unknowns (W, p) and those of a push (W, m)."""
         clamped = own if self.problem.own is None else self.problem.own.clamp(own)
@@ -267,19 +310,13 @@ class _Search:
         return found
 
     def _screened(self, surrogate: PoseSurrogate) -> Tensor:
-        """Return the best of random guesses (p,), each of the best of them followed to its minimum."""
-        options = self.options
-        guesses = self.problem.coordinates.draw(options.screened, torch.Generator().manual_seed(options.seed))
+        """Random guesses (N, p) of which a surrogate's physics has a solution, best first."""
+        number, generator = GUESSES * self.options.screened, torch.Generator().manual_seed(self.options.seed)
+        guesses = self.problem.coordinates.draw(number, generator)
         values = surrogate.objective(guesses)
         if not bool(torch.isfinite(values).any()):
             raise SolverError("the physics found no solution for any start; try another seed or a smaller time step")
-        ends = []
-        for k in torch.argsort(values, stable=True)[: options.starts].tolist():
-            z = surrogate.minimise(guesses[k])
-            ends.append((float(surrogate.objective(z[None])[0]), z))
-            self._note(surrogate, "coarse", z, len(ends) / options.starts)
-        self.coarse_losses, self.ends = [value for value, _ in ends], [z for _, z in ends]
-        return min(ends, key=lambda one: one[0])[1]
+        return guesses[torch.argsort(values, stable=True)[: int(torch.isfinite(values).sum())]]
 
     def _residual_noise(self, z: Tensor, at: list[Tensor]) -> Tensor:
         """Noise (6,) by the residuals of all poses."""
@@ -291,7 +328,7 @@ class _Search:
         return white_noise(residuals, self.radius)
 
     def _note(self, surrogate: PoseSurrogate, stage: str, z: Tensor, share: float) -> None:
-        first, width = {"coarse": (0.0, 0.4), "fine": (0.4, 0.4), "sample": (0.8, 0.2)}[stage]
+        first, width = {"fine": (0.0, 0.8), "sample": (0.8, 0.2)}[stage]
         values = self.problem.coordinates.named(z)
         self.log.add(stage, 0, surrogate.loss, list(values.values()))
         self.report(Progress(first + width * share, stage, surrogate.loss, values))
@@ -306,6 +343,17 @@ def _posed(forward: Forward, table: MeasuredPoses, chosen: Tensor | None) -> Pos
 
 def _pose(poses: ObjectPoses, row: int) -> Pose:
     return Pose(torch.from_numpy(poses.q_WO[row].copy()), torch.from_numpy(poses.p_WO[row].copy()))
+
+
+def _parted(coordinates: Coordinates, posterior: Posterior, grips: dict[str, str], seed: int) -> Posterior:
+    """Posterior of frictions that were found as products with factors of the push, by the priors of these."""
+    generator, draws = torch.Generator().manual_seed(seed), posterior.draws.clone()
+    for grip, friction in grips.items():
+        noise = torch.randn(len(draws), generator=generator, dtype=torch.float64)
+        column = coordinates.names.index(friction)
+        draws[:, column] -= noise * UNKNOWNS[grip].prior / UNKNOWNS[friction].scale
+    draws = coordinates.clamp(draws)
+    return replace(posterior, draws=draws, kept=draws[spaced(len(draws), KEPT)])
 
 
 def _own_estimates(

@@ -98,7 +98,10 @@ class PoseSurrogate(Objective):
 
     @torch.no_grad()
     def joint(self, z: Tensor, owns: Sequence[Tensor], walk: int) -> float:
-        """Objective of shared unknowns z (p,) and those (m,) of each push together, with nothing taken for linear."""
+        """Objective of shared unknowns z (p,) and those (m,) of each push together, with nothing taken for linear.
+
+        It counts how wide the corrections are, so that surrogates about different poses compare.
+        """
         total = float(self.problem.coordinates.penalty(z))
         for push, (one, own) in enumerate(zip(self.problem.pushes, owns, strict=True)):
             d, alive = one.deviations(self.problem.values(z[None], own[None]))
@@ -107,7 +110,7 @@ class PoseSurrogate(Objective):
             rows, S = self._seen(push, walk)
             root = torch.linalg.cholesky(S)
             white = torch.linalg.solve_triangular(root, d.reshape(-1, 1)[rows], upper=False)
-            total += 0.5 * float(white.square().sum())
+            total += 0.5 * float(white.square().sum()) + float(root.diagonal().log().sum())
             if self.problem.own is not None:
                 total += float(self.problem.own.penalty(own))
         return total
