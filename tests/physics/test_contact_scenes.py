@@ -52,10 +52,14 @@ def test_derivatives_of_random_scenes_agree_with_differences(scenes):
     assert total["right"] >= 0.99 * compared
 
 
-def test_a_scene_whose_polytope_outgrew_its_table():
+# A polytope that outgrew its table, a wedge whose friction is stiffer than numbers resolve, and a stack that falls, in
+# which a last step of Newton's method left the solution.
+@pytest.mark.parametrize(("number", "seed"), [(4934, 7), (20402, 14), (35069, 14)], ids=["polytope", "wedge", "stack"])
+def test_scenes_that_were_wrong_once_are_right(number, seed):
     counts: dict[str, collections.Counter] = {}
-    judge(draw(4934, seed=7), counts)
-    assert sum(counts.values(), collections.Counter())["failed"] == 0
+    judge(draw(number, seed=seed), counts)
+    total = sum(counts.values(), collections.Counter())
+    assert (total["failed"], total["gained"]) == (0, 0)
 
 
 def test_a_standing_mug_that_is_poked_near_its_rim():

@@ -111,7 +111,7 @@ def _correct_friction(system, contacts, work, c, impulse):
         turn = 1.0
     ratio = min(most / size, 1.0)
     slip[ALONG_1], slip[ALONG_2] = w1 / size, w2 / size
-    slip[ACROSS] = rho * ratio / (1.0 - ratio * (1.0 - rho * eps))
+    slip[ACROSS] = rho * ratio / ((1.0 - ratio) + ratio * rho * eps)
     if sliding:
         return 0, turn
     work.mode[c] += 1
@@ -175,7 +175,7 @@ def newton(system, contacts, work, impulse, speed, iterations):
         if fresh and not factor(system, contacts, work):
             return -1
         change = _step(system, contacts, work)
-        if last:
+        if last and change <= SMALL_STEP * speed:
             return iteration
         if iteration == iterations:
             return -1
