@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
-"""The search for the unknowns: random guesses, Adam from the best of them, refinement, draws from the posterior.
+"""The search for the unknowns: random guesses, Adam from the best, refinement, guesses anew, draws from the posterior.
 
 Every phase ends with arrays that the next one begins with, and every few steps Adam leaves its state in the checkpoint
-too; the refinement of a start at one size, and the draws, take some ten seconds each and begin anew. So an interrupted
-search goes on where it was, and comes to the same result.
+too; the refinement of a start at one size, the later guesses, which cost no rendering, and the draws take some ten
+seconds each and begin anew. So an interrupted search goes on where it was, and comes to the same result.
 """
 
 from collections.abc import Callable, Mapping, Sequence

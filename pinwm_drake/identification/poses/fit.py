@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
 """Identification of a twin from measured poses in the place of images: the same unknowns, intervals and next push.
 
-Random guesses are screened, and the best of them refined, on the objective of `surrogate.py`; the noise of the
-measurement is told by what neighbouring poses do not share, first of the measured poses, then of their residuals.
+Random guesses are screened, and the best of them refined one by one, on the objective of `surrogate.py`; the noise of
+the measurement is told by what neighbouring poses do not share, first of the measured poses, then of their residuals.
 """
 
 import hashlib
@@ -208,6 +208,7 @@ class _Search:
         self.report, self.log = report, Log()
         self.coarse_losses: list[float] = []
         self.ends: list[Tensor] = []  # (p,), minima that the search found from its starts
+        self.start = 0  # Number of the start that led to the best of them
 
     def run(self, sigma: Tensor) -> tuple[PoseSurrogate, Tensor, Tensor]:
         """Return the surrogate at the best minimum that was found, its shared unknowns (p,), and the noise (6,).
@@ -228,10 +229,11 @@ class _Search:
             except SolverError:
                 continue
             self.ends.append(end.z)
-            self.coarse_losses.append(end.value)
-            self._note(end.surrogate, "fine", end.z, (number + 1) / self.options.starts)
+            self.coarse_losses.append(end.surrogate.loss)
+            self._note(end.surrogate, "fine", number, end.z, (number + 1) / self.options.starts)
             again = best is not None and end.same(best)
-            best = end if best is None or end.value < best.value else best
+            if best is None or end.value < best.value:
+                best, self.start = end, number
             if again:
                 break
         if best is None:
@@ -293,7 +295,7 @@ class _Search:
             if not bool(alive[0]):
                 raise SolverError("the physics found no solution at the optimum; try a smaller time step")
             poses.append(Pose(X_WO.q[:, 0], X_WO.p[:, 0]))
-        self._note(surrogate, "sample", z, 1.0)
+        self._note(surrogate, "sample", self.start, z, 1.0)
         seconds = time.monotonic() - begun
         found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
         return found, owns
@@ -327,10 +329,10 @@ class _Search:
             residuals.append((one.forward.times, d[0].numpy()))
         return white_noise(residuals, self.radius)
 
-    def _note(self, surrogate: PoseSurrogate, stage: str, z: Tensor, share: float) -> None:
+    def _note(self, surrogate: PoseSurrogate, stage: str, start: int, z: Tensor, share: float) -> None:
         first, width = {"fine": (0.0, 0.8), "sample": (0.8, 0.2)}[stage]
         values = self.problem.coordinates.named(z)
-        self.log.add(stage, 0, surrogate.loss, list(values.values()))
+        self.log.add(stage, start, surrogate.loss, list(values.values()))
         self.report(Progress(first + width * share, stage, surrogate.loss, values))
 
 
