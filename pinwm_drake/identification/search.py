@@ -24,7 +24,7 @@ from pinwm_drake.identification.history import Log
 from pinwm_drake.identification.image_loss import BLOCKS, rendered
 from pinwm_drake.identification.lighting import lit
 from pinwm_drake.identification.locate import LIMIT
-from pinwm_drake.identification.objective import LEAST_GAIN, Objective
+from pinwm_drake.identification.objective import LEAST_GAIN
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.pictures import Footage, Pictures, first_frames, make_pictures, spaced
 from pinwm_drake.identification.posterior import Posterior
@@ -48,8 +48,6 @@ _SIZES = (0.5, 1.0)
 _DENSEST = 1.5
 # Guesses without a rendering, for each that is screened with one.
 GUESSES = 8
-# Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
-_UNLIKELY, SAME_MODE = 8.0, 0.05
 _SKETCHES, _SKETCH_SIZE = 4, 80.0  # pictures that show a guess, and the longer side of the object in them, px
 # Shares of the work that the stages take.
 _SHARES = {"screen": (0.0, 0.0), "coarse": (0.0, 0.4), "fine": (0.4, 0.3), "sample": (0.7, 0.3)}
@@ -184,7 +182,6 @@ class Search:
             folder, about, resume=resume, every=options.checkpoint_every, size=len(self.coordinates.names)
         )
         self._sketched: Problem | None = None
-        self._ends: list[Tensor] = []  # (p,), minima of the surrogate of small pictures
 
     def run(self) -> Found:
         """Search, or go on with an interrupted search.
@@ -272,8 +269,8 @@ class Search:
         guesses = torch.where(physical, coordinates.draw(number, generator), state.z)
         values = surrogate.objective(guesses)
         order = torch.argsort(values, stable=True)[: min(options.starts, int(torch.isfinite(values).sum()))]
-        self._ends = [surrogate.minimise(guess) for guess in guesses[order]]
-        best = min(self._ends, key=lambda z: float(surrogate.objective(z[None])[0]), default=state.z)
+        ends = [surrogate.minimise(guess) for guess in guesses[order]]
+        best = min(ends, key=lambda z: float(surrogate.objective(z[None])[0]), default=state.z)
         before, after = surrogate.objective(torch.stack([state.z, best])).tolist()
         if after > before - LEAST_GAIN:
             return state
@@ -282,11 +279,11 @@ class Search:
     def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
         """Draws (N, p) from the posterior, and their objectives (N,)."""
         if not self.kept.result("sample"):
-            means = torch.stack(modes(surrogate, z, self._ends))
+            A, _ = surrogate.quadratic(z)
             draws, energies = sample(
                 surrogate.objective,
-                means,
-                torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in means]),
+                z[None],
+                torch.linalg.inv(A)[None],
                 self.coordinates.clamp,
                 torch.Generator().manual_seed(self.options.seed),
                 moves=self.options.moves,
@@ -358,17 +355,6 @@ def _best(candidates: list[tuple[Surrogate | None, RefineState, int]]) -> tuple[
         return joint_loss(surrogate, state.z, state.corrections, weights, walk)
 
     return min(alive, key=loss)
-
-
-def modes(surrogate: Objective, z: Tensor, ends: Sequence[Tensor]) -> list[Tensor]:
-    """Minima (p,) of a surrogate that are not much less likely than z (p,), z first; each of the ends leads to one."""
-    found, most = [z], float(surrogate.objective(z[None])[0]) + _UNLIKELY
-    for end in ends:
-        one = surrogate.minimise(end)
-        near = min(float((one - other).abs().max()) for other in found)
-        if near > SAME_MODE and float(surrogate.objective(one[None])[0]) < most:
-            found.append(one)
-    return found
 
 
 def representative(

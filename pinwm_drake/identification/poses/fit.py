@@ -38,7 +38,7 @@ from pinwm_drake.identification.poses.noise import checked, track, white_noise
 from pinwm_drake.identification.poses.surrogate import PosedEpisode, PosedProblem, PoseSurrogate, pose_surrogate
 from pinwm_drake.identification.posterior import KEPT, PRIOR_NOTE, Posterior
 from pinwm_drake.identification.sampling import sample
-from pinwm_drake.identification.search import GUESSES, SAME_MODE, Outcome, Progress, modes, representative
+from pinwm_drake.identification.search import GUESSES, Outcome, Progress, representative
 from pinwm_drake.identification.time_step import time_step_of
 from pinwm_drake.identification.unknowns import BODIES, UNKNOWNS, Coordinates
 from pinwm_drake.reading.contents import read_bytes
@@ -55,6 +55,8 @@ _OWN = ("start_x", "start_y", "start_yaw", "time_offset", "grip_floor", "grip_pu
 _ROUNDS = 3
 # Shares of the way to a surrogate's minimum that are tried.
 _STEPS = (1.0, 0.5, 0.25, 0.125)
+# Minima count as modes of the posterior up to so much less likely (logarithm), and so far apart in one unknown.
+_UNLIKELY, _SAME_MODE = 8.0, 0.05
 # Objectives of minima that are the same.
 _SAME_VALUE = 0.5
 
@@ -70,7 +72,7 @@ class _End:
 
     def same(self, other: "_End") -> bool:
         """Whether another search ended in the same minimum."""
-        return abs(self.value - other.value) < _SAME_VALUE and float((self.z - other.z).abs().max()) < SAME_MODE
+        return abs(self.value - other.value) < _SAME_VALUE and float((self.z - other.z).abs().max()) < _SAME_MODE
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +279,7 @@ class _Search:
     def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
         """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""
         coordinates, generator = self.problem.coordinates, torch.Generator().manual_seed(self.options.seed)
-        means = torch.stack(modes(surrogate, z, self.ends))
+        means = torch.stack(_modes(surrogate, z, self.ends))
         covariances = torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in means])
         draws, energies = sample(
             surrogate.objective, means, covariances, coordinates.clamp, generator, moves=self.options.moves
@@ -334,6 +336,17 @@ class _Search:
         values = self.problem.coordinates.named(z)
         self.log.add(stage, start, surrogate.loss, list(values.values()))
         self.report(Progress(first + width * share, stage, surrogate.loss, values))
+
+
+def _modes(surrogate: PoseSurrogate, z: Tensor, ends: Sequence[Tensor]) -> list[Tensor]:
+    """Minima (p,) of a surrogate that are not much less likely than z (p,), z first; each of the ends leads to one."""
+    found, most = [z], float(surrogate.objective(z[None])[0]) + _UNLIKELY
+    for end in ends:
+        one = surrogate.minimise(end)
+        near = min(float((one - other).abs().max()) for other in found)
+        if near > _SAME_MODE and float(surrogate.objective(one[None])[0]) < most:
+            found.append(one)
+    return found
 
 
 def _posed(forward: Forward, table: MeasuredPoses, chosen: Tensor | None) -> PosedEpisode:
