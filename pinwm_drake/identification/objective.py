@@ -54,6 +54,12 @@ class Objective:
         return self.problem.coordinates.penalty(z) - torch.logsumexp(self._likelihoods(z), -1)
 
     @torch.no_grad()
+    def ranked(self, guesses: Tensor) -> Tensor:
+        """Those of the guesses (N, p) for which the physics has a solution, likeliest first."""
+        values = self.objective(guesses)
+        return guesses[torch.argsort(values, stable=True)[: int(torch.isfinite(values).sum())]]
+
+    @torch.no_grad()
     def shares(self, z: Tensor) -> Tensor:
         """Probabilities (W, K) of each of `drift.DRIFTS`, given guesses z (W, p)."""
         return torch.softmax(self._likelihoods(z), -1)

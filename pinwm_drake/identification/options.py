@@ -26,8 +26,8 @@ class IdentifyOptions:
         support: How the pressure on the face that the object rests on is spread: "auto" looks for it, "patch" holds it
             even, "corners" holds it as if the corners alone carried.
         seed: Seed of the random starts.
-        screened: Number of random guesses that are evaluated.
-        starts: Number of the best of them, from which Adam descends.
+        screened: Number of random guesses that are rendered; eight times as many are tried without a rendering.
+        starts: Number of the best of them that are followed to a minimum.
         coarse_iterations: Steps of Adam on small, blurred pictures, for every start.
         fine_iterations: Expansions of larger pictures at the most, for each of the best starts and each of two sizes.
         moves: Moves of each walker that draws from the posterior.

@@ -267,14 +267,14 @@ class Search:
         number, generator = GUESSES * options.screened, torch.Generator().manual_seed(options.seed)
         physical = torch.tensor([unknown.physical for unknown in coordinates.free])
         guesses = torch.where(physical, coordinates.draw(number, generator), state.z)
-        values = surrogate.objective(guesses)
-        order = torch.argsort(values, stable=True)[: min(options.starts, int(torch.isfinite(values).sum()))]
-        ends = [surrogate.minimise(guess) for guess in guesses[order]]
-        best = min(ends, key=lambda z: float(surrogate.objective(z[None])[0]), default=state.z)
-        before, after = surrogate.objective(torch.stack([state.z, best])).tolist()
-        if after > before - LEAST_GAIN:
+        ends = [surrogate.minimise(guess) for guess in surrogate.ranked(guesses)[: options.starts]]
+        found = torch.stack([state.z, *ends])
+        values = surrogate.objective(found)
+        least = int(values.argmin())
+        if float(values[least]) > float(values[0]) - LEAST_GAIN:
             return state
-        return replace(state, z=best, corrections=torch.cat(surrogate.corrections(best, surrogate.walk(best))))
+        z = found[least]
+        return replace(state, z=z, corrections=torch.cat(surrogate.corrections(z, surrogate.walk(z))))
 
     def _sample(self, surrogate: Surrogate, z: Tensor) -> tuple[Tensor, Tensor]:
         """Draws (N, p) from the posterior, and their objectives (N,)."""

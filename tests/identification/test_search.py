@@ -43,7 +43,7 @@ def test_the_friction_goes_with_a_restitution_that_is_set_to_zero():
     assert float(found[0]) == pytest.approx(0.0, abs=0.03)
 
 
-@pytest.mark.parametrize("peak", [1.5, 4.0])
+@pytest.mark.parametrize("peak", [0.8, 1.5, 4.0])
 def test_other_restitutions_are_the_mean_of_their_draws(peak):
     draws, energies = drawn(peak)
     found = representative(objective(peak), COORDINATES, draws, energies)

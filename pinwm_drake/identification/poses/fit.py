@@ -217,11 +217,13 @@ class _Search:
 
         Random guesses are screened. The best are followed one by one, until two end in the best minimum so far.
         """
+        options, coordinates = self.options, self.problem.coordinates
         m = 0 if self.problem.own is None else len(self.problem.own)
         at = [torch.zeros(m, dtype=torch.float64) for _ in self.whole]
-        nominal = self._expand(torch.zeros(len(self.problem.coordinates), dtype=torch.float64), at, sigma)
+        nominal = self._expand(torch.zeros(len(coordinates), dtype=torch.float64), at, sigma)
+        guesses = coordinates.draw(GUESSES * options.screened, torch.Generator().manual_seed(options.seed))
         best: _End | None = None
-        for number, guess in enumerate(self._screened(nominal)[: self.options.starts]):
+        for number, guess in enumerate(nominal.ranked(guesses)[: options.starts]):
             try:
                 z, owns, noise = self._followed(nominal, guess, at, sigma)
                 noise = torch.minimum(sigma, noise)
@@ -229,10 +231,11 @@ class _Search:
                     best = self._end(best.z, best.at, noise)
                 end, sigma = self._end(z, owns, noise), noise
             except SolverError:
+                self.coarse_losses.append(math.inf)
                 continue
             self.ends.append(end.z)
             self.coarse_losses.append(end.surrogate.loss)
-            self._note(end.surrogate, "fine", number, end.z, (number + 1) / self.options.starts)
+            self._note(end.surrogate, "fine", number, end.z, (number + 1) / options.starts)
             again = best is not None and end.same(best)
             if best is None or end.value < best.value:
                 best, self.start = end, number
@@ -312,15 +315,6 @@ class _Search:
         if found is None:
             raise SolverError("the physics found no solution at a guess; try another seed or a smaller time step")
         return found
-
-    def _screened(self, surrogate: PoseSurrogate) -> Tensor:
-        """Random guesses (N, p) of which a surrogate's physics has a solution, best first."""
-        number, generator = GUESSES * self.options.screened, torch.Generator().manual_seed(self.options.seed)
-        guesses = self.problem.coordinates.draw(number, generator)
-        values = surrogate.objective(guesses)
-        if not bool(torch.isfinite(values).any()):
-            raise SolverError("the physics found no solution for any start; try another seed or a smaller time step")
-        return guesses[torch.argsort(values, stable=True)[: int(torch.isfinite(values).sum())]]
 
     def _residual_noise(self, z: Tensor, at: list[Tensor]) -> Tensor:
         """Noise (6,) by the residuals of all poses."""

@@ -110,8 +110,8 @@ def test_two_faces_tell_the_frame_and_friction(two):
 
 
 # With 1/120 s what frictions of the push do is far from linear, and whole steps of the search lead astray.
-@pytest.mark.parametrize("time_step", [None, 1 / 120])
-def test_a_hit_tells_the_restitution(capture, tmp_path, time_step):
+@pytest.mark.parametrize(("time_step", "error"), [(None, 0.15), (1 / 120, 0.1)])
+def test_a_hit_tells_the_restitution(capture, tmp_path, time_step, error):
     folder, true = tmp_path / "capture", 0.3
     shutil.copytree(capture, folder)
     write_push(folder, load_capture(folder), "0004", poke(0.8), restitution_pusher=true)
@@ -119,8 +119,8 @@ def test_a_hit_tells_the_restitution(capture, tmp_path, time_step):
     found = identify(folder, tmp_path / "twin", episodes=["0004"], poses="object_poses.csv", options=options).twin
     one = found.theta["restitution_pusher"]
     assert one.interval[0] < true < one.interval[1]
-    # Its prior is half a Gaussian of 0.2.
-    assert one.value == pytest.approx(true, abs=0.15)
+    # Its prior, half a Gaussian of 0.2, draws it down.
+    assert one.value == pytest.approx(true, abs=error)
     friction = found.theta["friction_floor"]
     assert friction.interval[0] < TRUTH["friction_floor"] < friction.interval[1]
     assert friction.value == pytest.approx(TRUTH["friction_floor"], rel=0.1)
