@@ -40,6 +40,7 @@ from pinwm_drake.guide.stages import ACTS, AGAIN, FILL_IN, LENS, MESH, PHOTOS, P
 from pinwm_drake.provenance import timestamp
 from pinwm_drake.spatial.rigid import from_pose
 from pinwm_drake.station.lab import LAB_FILE, POSES_FILE
+from pinwm_drake.systems.pusher.motion import StraightPush
 
 RESULT = Path(__file__).resolve().parents[2] / "docs/results/lab_example.json"
 PAGE = RESULT.parent.parent / "how-to/lab.md"
@@ -116,7 +117,7 @@ class Example:
                 shutil.copyfile(self.truth.thing.mesh_path, path / "mesh/object.obj")
                 self.acts.append(MESH)
         elif act == PUSH:
-            self.truth.write_push(0, self.truth.own_push(), path / "pushes/0000")
+            self.truth.write_push(0, self.proposed(self.lab.first), path / "pushes/0000")
         elif act == AGAIN:
             self.second_push()
         else:
@@ -129,11 +130,14 @@ class Example:
         kept = self.out / FIRST_TWIN
         if not kept.is_dir():
             shutil.copytree(self.lab.twin, kept)
-        push = read_yaml(self.lab.next / PROPOSAL_FILE).value["push"]
+        self.truth.write_push(1, self.proposed(self.lab.next), self.lab.path / "pushes/0001")
+
+    def proposed(self, folder: Path) -> StraightPush:
+        """Push that the guide proposed in a folder of the lab."""
         station = self.lab.read_station()
         assert station is not None
         X_BW = from_pose(station.document.world.X_BW.pose())
-        self.truth.write_push(1, self.truth.as_told(push, X_BW), self.lab.path / "pushes/0001")
+        return self.truth.as_told(read_yaml(folder / PROPOSAL_FILE).value["push"], X_BW)
 
     def add_others(self) -> None:
         """Add the proposed push and another one of a person as episodes, as the guide does.
@@ -142,7 +146,7 @@ class Example:
         """
         another = self.lab.path / "pushes/0002"
         if not another.is_dir():
-            self.truth.write_push(2, self.truth.own_push(1), another)
+            self.truth.write_push(2, self.truth.own_push(), another)
         for push in (self.lab.path / "pushes/0001", another):
             if (self.lab.capture / EPISODES / push.name).is_dir():
                 continue

@@ -10,7 +10,8 @@ from pinwm_drake.experiments.requests.twins import NextPushRequest
 def next_push(request: NextPushRequest) -> None:
     """Propose the push whose video tells most about a twin.
 
-    It also says when no further push is needed. After pokes it proposes a poke.
+    It also says when no further push is needed. After pokes it proposes a poke. Of a capture without pushes it
+    proposes the first one.
 
     Film it, add it to the capture as an episode, and identify from all of them:
     pinwm identify CAPTURE TWIN --episode A --episode B.
@@ -18,13 +19,16 @@ def next_push(request: NextPushRequest) -> None:
     from pinwm_drake.experiments.next_push import filmed_motion, next_push
     from pinwm_drake.experiments.proposal import describe, write_proposal
     from pinwm_drake.files import prepare_folder
+    from pinwm_drake.identification.prior import capture_without_pushes, prior_twin
     from pinwm_drake.twin.read import load_twin
 
-    found, (low, high) = load_twin(request.twin), request.box
+    capture, (low, high) = capture_without_pushes(request.twin), request.box
+    found = load_twin(request.twin) if capture is None else prior_twin(capture)
     with stages_bar(transient=True) as progress:
         proposal = next_push(
             found,
-            motion=request.motion or filmed_motion(found),
+            X_WO=None if capture is None else capture.object.X_WO,
+            motion=request.motion or ("push" if capture else filmed_motion(found)),
             low=low,
             high=high,
             number=request.candidates,

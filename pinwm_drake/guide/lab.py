@@ -78,6 +78,11 @@ class LabFolder:
         return self.path / "twin"
 
     @property
+    def first(self) -> Path:
+        """Folder of the push that is proposed before any was filmed."""
+        return self.path / "first"
+
+    @property
     def next(self) -> Path:
         """Folder of the proposed push."""
         return self.path / "next"

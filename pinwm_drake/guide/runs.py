@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pinwm_drake.capture.check import check_capture
 from pinwm_drake.capture.importers.video import VIDEO_SUFFIXES
-from pinwm_drake.capture.scene import EPISODES, episode_names
+from pinwm_drake.capture.scene import EPISODES, episode_names, load_capture
 from pinwm_drake.capture.transforms import read_transforms
 from pinwm_drake.documents import read_yaml
 from pinwm_drake.errors import InputError
@@ -30,13 +30,16 @@ from pinwm_drake.experiments.twins import identify
 from pinwm_drake.files import occupying, prepare_folder
 from pinwm_drake.guide.keep import keep, put_in_place
 from pinwm_drake.guide.lab import LabFolder, write_scene
+from pinwm_drake.identification.prior import prior_twin
+from pinwm_drake.spatial.poses import Pose
 from pinwm_drake.station.calibrate import calibrate
 from pinwm_drake.station.episode import Sources, add_episode
 from pinwm_drake.station.photos import pose_photos, write_photos
 from pinwm_drake.twin.read import load_twin
+from pinwm_drake.twin.twin import Twin
 from pinwm_drake.twin.words import doubt_words, estimate_words
 
-PROPOSAL_FILE = "push.yaml"  # of next/
+PROPOSAL_FILE = "push.yaml"  # of first/ and next/
 MASKS, STAMPS = "masks", "stamps.csv"  # beside the film of a push
 REPLACED = "replaced"  # of the capture: earlier episodes with files of a person that have no place in the new ones
 _FEW = 6  # lines that are told one by one
@@ -212,13 +215,24 @@ def run_identify(lab: LabFolder, progress: Progress, resume: bool = False) -> li
 
 def run_next_push(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
     """Propose the next push within the workspace."""
-    station, twin = lab.read_station(), load_twin(lab.twin)
+    return _propose(lab, load_twin(lab.twin), None, lab.next, progress)
+
+
+def run_first_push(lab: LabFolder, progress: Progress, resume: bool = False) -> list[str]:
+    """Propose the first push within the workspace, by what is likely before any was filmed."""
+    capture = load_capture(lab.capture)
+    return _propose(lab, prior_twin(capture), capture.object.X_WO, lab.first, progress)
+
+
+def _propose(lab: LabFolder, twin: Twin, X_WO: Pose | None, folder: Path, progress: Progress) -> list[str]:
+    station = lab.read_station()
     low, high = (-math.inf, -math.inf), (math.inf, math.inf)
     if station is not None:
         box = station.document.workspace
         low, high = box.low[:2], box.high[:2]
-    proposal = next_push(twin, low=low, high=high, report=lambda share: progress("next push", share, ""))
-    write_proposal(prepare_folder(lab.next), twin, proposal)
+    told = f"{folder.name} push"
+    proposal = next_push(twin, X_WO=X_WO, low=low, high=high, report=lambda share: progress(told, share, ""))
+    write_proposal(prepare_folder(folder), twin, proposal)
     return describe(twin, proposal)
 
 

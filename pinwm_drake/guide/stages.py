@@ -35,8 +35,8 @@ ACTS = (
     "phone, zoom fixed, from all around, a third of them from near the table: put them into photos/. Take one with the "
     f"fixed camera: put it into photos/{FIXED}/.",
     "If there is a CAD file or a scan of the object, put it into mesh/. Without one the mesh is the hull of the masks.",
-    "Take the board away and leave the object on its mark. Film a push with the fixed camera while the robot logs its "
-    "pusher in its base: put film and log.csv into pushes/0000/.",
+    "Take the board away and leave the object on its mark. Film the push of first/trajectory.csv, or one of your own, "
+    "with the fixed camera while the robot logs its pusher in its base: put film and log.csv into pushes/0000/.",
     "Put the object back on its mark and film the push of next/trajectory.csv: put film and log.csv into pushes/0001/.",
     "Say that a policy is to be trained, which takes half an hour or more: pinwm lab LAB --train.",
     "Export the policy, rehearse it and connect your robot: pinwm export LAB/policy LAB/bundle, pinwm rehearse and "
@@ -203,6 +203,11 @@ def stages(lab: LabFolder) -> Iterator[Stage]:
 def _pushes(lab: LabFolder, pusher: tuple[Path, ...]) -> Iterator[Stage]:
     """A stage for each push that was filmed, or one that asks for the first."""
     names = episode_names(lab.capture)
+    if not lab.pushes and not names:
+        proposed = (lab.first / runs.PROPOSAL_FILE).is_file()
+        told: tuple[Given, ...] = (*_there(lab.station, lab.mesh, *pusher), (lab.scene.name, lab.read_scene()))
+        command = f"pinwm next-push {lab.capture} -o {lab.first}"
+        yield Stage("first", "First push", (), None, told, proposed, runs.run_first_push, command)
     if not lab.pushes:
         yield Stage("push", "Pushes", (PUSH,), PUSH, (), bool(names), None)
     for number, push in enumerate(lab.pushes):

@@ -65,10 +65,7 @@ def estimates(
         Theta with the keys of `THETA`, and the nuisances by name; those of a push have its number after the name where
         there are several.
     """
-    noise = torch.randn(
-        _PRIOR_DRAWS, len(coordinates), generator=torch.Generator().manual_seed(seed), dtype=torch.float64
-    )
-    prior = coordinates.clamp(noise @ torch.linalg.cholesky(torch.linalg.inv(coordinates.precision)).T)
+    prior = coordinates.draw_prior(_PRIOR_DRAWS, torch.Generator().manual_seed(seed))
     at, after, before = (_quantities(coordinates, z, scene, mass) for z in (posterior.z[None], posterior.draws, prior))
     theta = {}
     for key, unit in THETA.items():

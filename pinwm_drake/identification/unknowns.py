@@ -202,6 +202,11 @@ class Coordinates:
         z[0] = 0.0
         return self.clamp(z)
 
+    def draw_prior(self, number: int, generator: torch.Generator) -> Tensor:
+        """Draws (number, p) from the prior, moved to its bounds where they are beyond."""
+        noise = torch.randn(number, len(self), generator=generator, dtype=torch.float64)
+        return self.clamp(noise @ torch.linalg.cholesky(torch.linalg.inv(self.precision)).T)
+
     def penalty(self, z: Tensor) -> Tensor:
         """Minus the logarithm of the prior of z (..., p), up to a constant."""
         return 0.5 * (z * (z @ self.precision)).sum(-1)

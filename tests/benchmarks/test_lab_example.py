@@ -28,6 +28,7 @@ def test_the_example_fills_a_lab_as_the_guide_asks_for_it(tmp_path, monkeypatch)
     assert "pinwm lab runs what is ready" in example.run(run=False)  # it has all that the calibration needs
     assert example.acts == [PRINT, FILL_IN, LENS, ROBOT, TABLE]
     example.do(PHOTOS)
+    monkeypatch.setattr(example, "proposed", lambda folder: example.truth.own_push())
     example.do(PUSH)
     assert len(example.lab.pictures("photos")) >= 8
     assert len(example.lab.pictures("photos/fixed")) == 1

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: MIT
 import math
+import shutil
 
 import pytest
 import yaml
@@ -7,6 +8,7 @@ import yaml
 from pinwm_drake.experiments import next_push as module
 from pinwm_drake.experiments import proposal as words
 from pinwm_drake.twin.write import write_twin
+from tests.capture.pushed_cube import write_pushed_cube
 from tests.experiments.test_next_push import unsure
 from tests.twin.samples import cube_twin
 
@@ -61,3 +63,13 @@ def test_a_push_is_proposed_anywhere_and_again_by_its_configuration(pinwm, tmp_p
     assert pinwm("next-push", str(tmp_path / "twin"), *again)[0] == 0
     first, second = (yaml.safe_load((tmp_path / name / "push.yaml").read_text()) for name in ("next", "again"))
     assert first == second
+
+
+def test_the_first_push_of_a_capture_is_proposed(pinwm, tmp_path):
+    write_pushed_cube(tmp_path / "capture")
+    shutil.rmtree(tmp_path / "capture/episodes")
+    options = ["--candidates", "2", "--draws", "2"]
+    code, output, errors = pinwm("next-push", str(tmp_path / "capture"), "-o", str(tmp_path / "first"), *options)
+    assert (code, errors) == (0, "")
+    assert "so another push is worth filming" in output
+    assert (tmp_path / "first/trajectory.csv").is_file()

@@ -2,12 +2,14 @@
 import json
 import os
 import shutil
+from functools import partial
 
 import pytest
 import yaml
 from PIL import Image
 
 from pinwm_drake.errors import InputError
+from pinwm_drake.guide import runs
 from pinwm_drake.guide.guide import guide_lab
 from pinwm_drake.guide.lab import LabFolder, write_scene
 from pinwm_drake.guide.new import new_lab
@@ -139,12 +141,18 @@ def test_what_was_made_elsewhere_stays(brought):
     assert page.count("data:image/jpeg") >= 3 * 6  # photos; masks; the mesh over the photos
 
 
-def test_without_a_push_the_guide_asks_for_one(brought):
+def test_without_a_push_the_guide_proposes_one_and_asks_for_it(brought, monkeypatch):
     shutil.rmtree(brought.capture / "episodes")
     brought.twin.mkdir()
     (brought.twin / "surfels.ply").write_bytes(b"")
-    found = guide_lab(brought.path, run=False)
-    assert (found.act, states(found)["push"]) == (ACTS[PUSH], "missing")
+    assert states(guide_lab(brought.path, run=False))["first"] == "ready"
+    monkeypatch.setattr(runs, "next_push", partial(runs.next_push, number=2, draws=2))
+    found = guide_lab(brought.path)
+    assert (found.act, states(found)["first"], states(found)["push"]) == (ACTS[PUSH], "done", "missing")
+    assert (brought.first / "trajectory.csv").is_file()
+    assert "next_push.png" in (brought.path / PAGE_FILE).read_text()
+    brought.scene.write_text(brought.scene.read_text().replace("mass: 0.2", "mass: 0.3"))
+    assert states(guide_lab(brought.path, run=False))["first"] == "out of date"
 
 
 def test_a_stage_is_out_of_date_when_an_input_has_another_hash(lab):

@@ -50,7 +50,10 @@ class PredictRequest:
 class NextPushRequest:
     """Request of a proposal: what `pinwm next-push` does."""
 
-    twin: TwinFolder
+    twin: Annotated[
+        Path,
+        argument("Folder that `pinwm identify` wrote, or a capture before its first push.", "TWIN", completes="twin"),
+    ]
     out: Annotated[
         Path, option("Folder for push.yaml, trajectory.csv and next_push.png.", "--out", "-o", result="inside")
     ]
