@@ -34,7 +34,7 @@ _PARTS, _RESTS = 12, 1e-3
 _SHARE = 0.03
 # Error of what sliding changes, as a share of it, for a drift of one metre in a metre; and of what a hit changes, in
 # each direction.
-PER_WALK, OF_HITS = 0.5, 0.02
+PER_WALK, OF_HITS = 0.5, 0.04
 # A hit changes a velocity, or that of the rim, by more in a step than gravity by this factor; hits that count.
 _HITS, _MOST_HITS = 5.0, 4
 
