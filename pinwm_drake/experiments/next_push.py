@@ -53,7 +53,8 @@ _FRAME_RATE, _LOG_RATE = 24.0, 240.0  # Hz
 _MUCH = 0.5  # of the most information: what a push tells that is chosen for one unknown
 _KNOWN = CousinDomains.delta  # relative half-width of an interval up to which cousins cover it
 _Read = TypeVar("_Read")
-_ATTEMPTS = 20  # for each candidate that is to stay in the box
+_ATTEMPTS = 20  # for each candidate that is to stay in the box and to be seen
+_TOWARDS = 0.5  # cosine, of the angle between a push and the way to the camera, from which the object hides the pusher
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,7 @@ def next_push(
     motion: Motion = "push",
     low: tuple[float, float] = (-math.inf, -math.inf),
     high: tuple[float, float] = (math.inf, math.inf),
+    eye: np.ndarray | None = None,
     number: int = 48,
     draws: int = 32,
     tolerance: tuple[float, float] = (2e-3, math.radians(2.0)),
@@ -129,6 +131,7 @@ def next_push(
             where that is at hand, else upright at the origin.
         motion: "push" for level pushes, "poke" for short and fast ones that go up.
         low, high: Corners of the pusher's box in the world's x and y, m.
+        eye: (3,) m, place of the camera that films the push: none goes towards it, where the object hides the pusher.
         number: Number of random pushes that are looked at.
         draws: Number of the twin's draws that each is rolled out with, at the most.
         tolerance: Spread of nine of ten random pushes that is good enough, m and rad.
@@ -168,7 +171,7 @@ def next_push(
     shape, p_com = upright_shape(twin.pusher), mass_properties(mesh_W, mass=1.0).p_com
     candidates = []
     for k in range(number):
-        drawn = _draw(motion, mesh_W, p_com, shape, generator, twin.floor_height, (low, high))
+        drawn = _draw(motion, mesh_W, p_com, shape, generator, twin.floor_height, (low, high), eye)
         try:
             candidates.append(_look(scene, parameters, own, frames, X_WO, drawn, logarithms, radius, walk))
         except SolverError:
@@ -248,6 +251,7 @@ def _draw(
     generator: np.random.Generator,
     floor_height: float,
     box: tuple[tuple[float, float], tuple[float, float]],
+    eye: np.ndarray | None,
 ) -> StraightPush:
     for _ in range(_ATTEMPTS):
         motion = (
@@ -256,9 +260,17 @@ def _draw(
             else _level_push(mesh_W, p_com, shape, generator, floor_height)
         )
         ends = np.stack([motion.p_WP, motion.p_WP + motion.distance * motion.direction_W])[:, :2]
-        if (ends >= box[0]).all() and (ends <= box[1]).all():
+        if (ends >= box[0]).all() and (ends <= box[1]).all() and not _hides(motion, eye):
             return motion
     raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
+
+
+def _hides(motion: StraightPush, eye: np.ndarray | None) -> bool:
+    """Flag: a push goes towards a camera at `eye` (3,) [m], so that the object hides the pusher."""
+    if eye is None:
+        return False
+    way, direction = (eye - motion.p_WP)[:2], motion.direction_W[:2]
+    return bool(way @ direction > _TOWARDS * np.linalg.norm(way) * np.linalg.norm(direction))
 
 
 def _level_push(

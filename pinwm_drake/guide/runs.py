@@ -226,12 +226,13 @@ def run_first_push(lab: LabFolder, progress: Progress, resume: bool = False) -> 
 
 def _propose(lab: LabFolder, twin: Twin, X_WO: Pose | None, folder: Path, progress: Progress) -> list[str]:
     station = lab.read_station()
-    low, high = (-math.inf, -math.inf), (math.inf, math.inf)
+    low, high, eye = (-math.inf, -math.inf), (math.inf, math.inf), None
     if station is not None:
         box = station.document.workspace
         low, high = box.low[:2], box.high[:2]
+        eye = station.X_WC.p.numpy() if station.document.camera.mount == "fixed" else None
     told = f"{folder.name} push"
-    proposal = next_push(twin, X_WO=X_WO, low=low, high=high, report=lambda share: progress(told, share, ""))
+    proposal = next_push(twin, X_WO=X_WO, low=low, high=high, eye=eye, report=lambda share: progress(told, share, ""))
     write_proposal(prepare_folder(folder), twin, proposal)
     return describe(twin, proposal)
 

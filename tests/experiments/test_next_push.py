@@ -49,6 +49,14 @@ def test_the_push_that_tells_most_comes_first(proposal):
     assert np.corrcoef(speeds, informations)[0, 1] > 0.3
 
 
+def test_no_push_goes_towards_the_camera(twin, proposal):
+    eye = np.array([0.6, 0.0, 0.4])
+    seen = next_push(unsure(twin, 0.5), number=NUMBER, draws=2, eye=eye)
+    along = [one.motion.direction_W[0] for one in seen.candidates]
+    assert max(along) < 0.55
+    assert max(one.motion.direction_W[0] for one in proposal.candidates) > 0.55
+
+
 def test_what_is_known_asks_for_no_further_push(twin, proposal):
     known = next_push(unsure(twin, 1e-4), number=NUMBER, draws=8)
     assert known.is_good_enough

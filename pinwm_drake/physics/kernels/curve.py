@@ -10,8 +10,8 @@ from pinwm_drake.physics.kernels.dynamics import integrate_quaternion, rotation_
 from pinwm_drake.physics.kernels.geometry_adjoint import geometry_adjoint
 from pinwm_drake.physics.kernels.triples import add, rotation_adjoint
 
-# Spins below this curve no path, rad/s.
-STRAIGHT = 1e-12
+# Spins and speeds below this turn no contact, rad/s and m/s.
+STILL = 1e-12
 # Share of a length over which differences are taken.
 _DIFFERENCE = 1e-4
 
@@ -46,13 +46,16 @@ def move_body(bodies, sweep, b, V, h):
 
 @small_kernel
 def move_halfway(model, bodies, sweep, half):
-    """Poses after half of a step, of `half` seconds, with the velocities before it, and whether anything turns."""
-    turns = 0.0
+    """Poses after half of a step, of `half` seconds, with the velocities before it, and whether contacts may turn.
+
+    The normal between round shapes turns where they pass each other, though neither spins.
+    """
+    fastest = 0.0
     for b in range(model.num_bodies + model.num_kinematic):
         V = bodies.V[b]
-        turns = max(turns, norm(V[0], V[1], V[2]))
+        fastest = max(fastest, norm(V[0], V[1], V[2]), norm(V[3], V[4], V[5]))
         move_body(bodies, sweep, b, V, half)
-    sweep.turns[0] = 1 if turns > STRAIGHT else 0
+    sweep.turns[0] = 1 if fastest > STILL else 0
 
 
 @small_kernel
