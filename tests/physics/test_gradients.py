@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: MIT
+import dataclasses
+import math
+
 import pytest
 import torch
 
+from pinwm_drake.geometry.shapes import sphere
+from pinwm_drake.physics.model import Model
+from pinwm_drake.physics.state import State
 from pinwm_drake.physics.stepper import Stepper
 from tests.physics.gradients import central_difference, flatten, functional, gradients, make_cotangents, rollout_frames
-from tests.physics.scenes import nominal, push_model, push_start, straight_push
+from tests.physics.scenes import ball, nominal, push_model, push_start, straight_push
 
 STEPS, EVERY = 320, 10  # 32 frames of 10 steps
 
@@ -65,3 +71,21 @@ def test_restitution_has_the_derivative_towards_larger_values(pusher):
     one_sided = (-3.0 * value[0] + 4.0 * value[1] - value[2]) / (2.0 * step)
     # A one-sided second-order difference: error of order step, amplified by the push's length.
     assert one_sided == pytest.approx(analytic, rel=1e-3)
+
+
+def test_a_ball_that_is_squeezed_aside_has_the_derivative_of_its_closed_form():
+    # Nothing spins, but the normal turns while the pusher passes. The ball leaves with v H / s, of the pusher's speed v
+    # and its middle at a distance s aside and H above, where both touch. How high it begins does not count.
+    speed, aside, reach = 0.6, 0.015, 0.03
+    model = Model(bodies=[ball()], pusher=[sphere(0.01)])
+    p_WP = torch.tensor([[aside, 0.0, 0.0485]], dtype=torch.float64, requires_grad=True)
+    rest = State.at_rest(model, 1, p_WB=(0.0, 0.0, 0.02))
+    state = dataclasses.replace(rest, p_WP=p_WP)
+    parameters = nominal(model, friction_floor=0.0, friction_pusher=0.0)
+    V_WP = straight_push(4, velocity=(0.0, 0.0, -speed))
+    end = Stepper(model).rollout(parameters, state, V_WP).V_WB[-1, 0, 0]
+    height = math.sqrt(reach**2 - aside**2)
+    assert float(end[3].detach()) == pytest.approx(-speed * height / aside, rel=1e-3)
+    (found,) = torch.autograd.grad(end[3], p_WP)
+    expected = [speed * (1.0 / height + height / aside**2), 0.0, 0.0]
+    assert found[0].tolist() == pytest.approx(expected, rel=1e-3, abs=1e-3 * expected[0])
