@@ -282,7 +282,7 @@ class _Search:
     def outcome(self, surrogate: PoseSurrogate, z: Tensor, begun: float) -> tuple[Outcome, list[tuple[Tensor, Tensor]]]:
         """Outcome with draws, and mean (m,) and covariance (m, m) of the unknowns of each push."""
         coordinates, generator = self.problem.coordinates, torch.Generator().manual_seed(self.options.seed)
-        means = torch.stack(_modes(surrogate, z, self.ends))
+        means = torch.stack(_modes(surrogate, z, [*self.ends, *self._sticking(z)]))
         covariances = torch.stack([torch.linalg.inv(surrogate.quadratic(one)[0]) for one in means])
         draws, energies = sample(
             surrogate.objective, means, covariances, coordinates.clamp, generator, moves=self.options.moves
@@ -304,6 +304,19 @@ class _Search:
         seconds = time.monotonic() - begun
         found = Outcome(coordinates, posterior, surrogate.loss, poses, self.coarse_losses, self.log, seconds)
         return found, owns
+
+    def _sticking(self, z: Tensor) -> list[Tensor]:
+        """Unknowns z (p,) with so much friction of the pusher that it sticks: how much there is makes no difference.
+
+        Searches seldom end there, as nothing but the prior leads them on.
+        """
+        coordinates = self.problem.coordinates
+        if "friction_pusher" not in coordinates.names:
+            return []
+        column, most = coordinates.names.index("friction_pusher"), UNKNOWNS["friction_pusher"]
+        other = z.clone()
+        other[column] += most.prior / most.scale
+        return [coordinates.clamp(other)]
 
     def values(self, z: Tensor, own: Tensor) -> dict[str, Tensor]:
         """Values (W,) of `UNKNOWNS`, of shared unknowns (W, p) and those of a push (W, m)."""

@@ -131,6 +131,16 @@ def test_a_hit_tells_the_restitution(capture, tmp_path, time_step, error):
         assert not found.nuisance[f"grip_{body}"].identifiable
 
 
+def test_a_pusher_that_sticks_has_friction_up_to_any(capture, tmp_path):
+    folder, true = tmp_path / "capture", 0.7
+    shutil.copytree(capture, folder)
+    write_push(folder, load_capture(folder), "0005", log(0.0, 0.008), 5, friction_pusher=true)
+    found = identify(folder, tmp_path / "twin", episodes=["0005"], poses="object_poses.csv", options=QUICK).twin
+    one = found.theta["friction_pusher"]
+    assert not one.identifiable
+    assert one.interval[0] < true < one.interval[1]
+
+
 @pytest.mark.nightly
 def test_sides_of_a_mesh_that_are_off_leave_the_contact_offset_to_the_video(two, capture, tmp_path):
     folder = tmp_path / "capture"
