@@ -115,11 +115,11 @@ class ExampleLab:
             np.array([0.08, -0.15, 0.0004, -0.0003, 0.05]),
         )
 
-    def own_push(self, number: int = 0) -> StraightPush:
+    def own_push(self) -> StraightPush:
         """Push that a person chooses: at one side of the object, off its middle, within the workspace."""
         mesh_T = self.mesh.copy()
         mesh_T.apply_transform(self.X_TO.GetAsMatrix4())
-        rng, p_com = np.random.default_rng([self.seed, 2 + 10 * number]), self.X_TO @ self.theta.p_com
+        rng, p_com = np.random.default_rng([self.seed, 2]), self.X_TO @ self.theta.p_com
         for _ in range(500):
             push = choose_push(mesh_T, p_com, _SHAPE, rng, height=_HEIGHT, speed=_SPEED, distance=_DISTANCE)
             x, y = push.direction_W[:2]

@@ -28,7 +28,7 @@ def next_push(request: NextPushRequest) -> None:
         proposal = next_push(
             found,
             X_WO=None if capture is None else capture.object.X_WO,
-            motion=request.motion or ("push" if capture else filmed_motion(found)),
+            motion=request.motion or (filmed_motion(found) if capture is None else "push"),
             low=low,
             high=high,
             number=request.candidates,

@@ -144,11 +144,13 @@ def next_push(
         that decides (`deciding_friction`).
 
     Raises:
-        ParameterError: The twin has no draws, a number is out of range, or no push stays in the box.
+        ParameterError: The twin has no draws, a number is out of range, or no push stays in the box and in sight.
         PinwmError: A mesh cannot be used.
     """
     require("number", number, 1 <= number <= 10000, "1 to 10000")
     require("draws", draws, 2 <= draws <= 1000, "2 to 1000")
+    if eye is not None:
+        require("eye", eye, np.shape(eye) == (3,) and bool(np.isfinite(eye).all()), "3 finite numbers, m")
     if twin.draws is None:
         raise ParameterError(f"{twin.name}: the twin has no draws; identify it anew with this release")
     X_WO = X_WO or start_of(twin)
@@ -262,7 +264,8 @@ def _draw(
         ends = np.stack([motion.p_WP, motion.p_WP + motion.distance * motion.direction_W])[:, :2]
         if (ends >= box[0]).all() and (ends <= box[1]).all() and not _hides(motion, eye):
             return motion
-    raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: a box with room to push the object")
+    allowed = "a box with room to push the object" + ("" if eye is None else f", not towards the camera at {eye} m")
+    raise ParameterError(f"low, high: got {box[0]} and {box[1]} m; allowed: {allowed}")
 
 
 def _hides(motion: StraightPush, eye: np.ndarray | None) -> bool:

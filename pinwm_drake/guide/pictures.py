@@ -50,7 +50,7 @@ def pictures_of(lab: LabFolder, key: str) -> list[Picture]:
         return _views(lab, outlines=key != "photos", meshes=key in ("mesh", "pose"))
     if key.startswith("push "):
         return _push(lab, key.removeprefix("push "))
-    pushes = {folder.name: folder / "next_push.png" for folder in (lab.first, lab.next)}
+    pushes = {"first": lab.first / "next_push.png", "next": lab.next / "next_push.png"}
     made = {"appearance": lab.twin / FIGURE_FILE} | pushes
     path = made.get(key)
     if path is None or not path.is_file():

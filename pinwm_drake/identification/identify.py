@@ -106,7 +106,7 @@ def identify_theta(
     origin, written = Origin.of(capture, pushes), capture.object.X_WO
     capture = capture if X_OS is None else seen_in(capture, X_OS)
     number, step = options.threads, options.time_step or time_step_of(pushes)
-    mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
+    mass = given_mass(capture, options)
     with one_torch_thread():
         scene = capture_scene(capture, step, facets=options.facets)
         pusher = pusher_surface(capture.pusher)
@@ -168,7 +168,7 @@ def found_twin(
     was pushed first.
     """
     coordinates = found.coordinates
-    known = capture.object.mass is not None and "mass" not in options.held
+    known = is_mass_known(capture, options)
     theta, nuisance = estimates(coordinates, found.posterior, scene, mass, known, options.seed)
     draws = kept_draws(coordinates, found.posterior, scene, mass)
     # The lift is told against the floor; the search counts it from where the capture has the object.
@@ -202,6 +202,16 @@ def found_twin(
         draws=draws,
         acts_as=scene.acts_as,
     )
+
+
+def given_mass(capture: Capture, options: IdentifyOptions) -> float:
+    """Mass [kg] for which inertias are given: the one that is held, that of the capture, or a nominal one."""
+    return options.held.get("mass", capture.object.mass or NOMINAL_MASS)
+
+
+def is_mass_known(capture: Capture, options: IdentifyOptions) -> bool:
+    """Flag: the capture tells the mass, and none is held in its place."""
+    return capture.object.mass is not None and "mass" not in options.held
 
 
 def distinct_pushes(episodes: Episode | Sequence[Episode]) -> tuple[Episode, ...]:

@@ -7,7 +7,13 @@ import torch
 
 from pinwm_drake.capture.scene import CAPTURE_FILE, Capture, load_capture
 from pinwm_drake.errors import InputError
-from pinwm_drake.identification.identify import NOMINAL_MASS, capture_scene, chosen_unknowns, object_priors
+from pinwm_drake.identification.identify import (
+    capture_scene,
+    chosen_unknowns,
+    given_mass,
+    is_mass_known,
+    object_priors,
+)
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.posterior import KEPT, Posterior, estimates, kept_draws
 from pinwm_drake.identification.time_step import LONGEST
@@ -48,14 +54,14 @@ def prior_twin(capture: Capture, options: IdentifyOptions | None = None) -> Twin
     """
     options = options or IdentifyOptions()
     scene = capture_scene(capture, options.time_step or LONGEST, facets=options.facets)
-    mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
+    mass = given_mass(capture, options)
     free, held = chosen_unknowns(capture, options, scene, mass)
     coordinates = Coordinates(free, held, 1, shared=object_priors(capture))
     generator = torch.Generator().manual_seed(options.seed)
     draws = coordinates.draw_prior(KEPT, generator)
     even = torch.full((len(FINE_DRIFTS),), 1.0 / len(FINE_DRIFTS), dtype=torch.float64)
     posterior = Posterior.of(torch.zeros(len(coordinates), dtype=torch.float64), draws, even, generator)
-    known = capture.object.mass is not None and "mass" not in options.held
+    known = is_mass_known(capture, options)
     theta, nuisance = estimates(coordinates, posterior, scene, mass, known, options.seed)
     X_WO = capture.object.X_WO
     return assemble_twin(

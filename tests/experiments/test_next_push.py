@@ -55,6 +55,8 @@ def test_no_push_goes_towards_the_camera(twin, proposal):
     along = [one.motion.direction_W[0] for one in seen.candidates]
     assert max(along) < 0.55
     assert max(one.motion.direction_W[0] for one in proposal.candidates) > 0.55
+    with pytest.raises(ParameterError, match=r"eye: got .*; allowed: 3 finite numbers, m"):
+        next_push(unsure(twin, 0.5), number=NUMBER, draws=2, eye=eye[:2])
 
 
 def test_what_is_known_asks_for_no_further_push(twin, proposal):

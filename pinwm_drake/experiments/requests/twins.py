@@ -59,7 +59,10 @@ class NextPushRequest:
     ]
     motion: Annotated[
         Literal["push", "poke"] | None,
-        option("Motion that is proposed: level, or short, fast and upwards.", default="that of the twin's capture"),
+        option(
+            "Motion that is proposed: level, or short, fast and upwards.",
+            default="that of the twin's capture, level before its first push",
+        ),
     ] = None
     position: Annotated[float, option("Spread of the resting position that is good enough.", unit="mm", gt=0)] = 2.0
     yaw: Annotated[float, option("Spread of the resting yaw that is good enough.", unit="deg", gt=0)] = 2.0

@@ -23,12 +23,12 @@ from pinwm_drake.geometry.meshes import half_diagonal
 from pinwm_drake.identification.forward import Forward
 from pinwm_drake.identification.history import Log
 from pinwm_drake.identification.identify import (
-    NOMINAL_MASS,
     Identification,
     capture_scene,
     chosen_unknowns,
     distinct_pushes,
     found_twin,
+    given_mass,
     object_priors,
 )
 from pinwm_drake.identification.mass import find_mass_scale, with_mass
@@ -130,7 +130,7 @@ def identify_poses(
     begun, options = time.monotonic(), options or IdentifyOptions()
     pushes, X_WO = distinct_pushes(episodes), capture.object.X_WO
     tables = [within_log(table, push.trajectory) for table, push in zip(measured, pushes, strict=True)]
-    mass = options.held.get("mass", capture.object.mass or NOMINAL_MASS)
+    mass = given_mass(capture, options)
     with one_torch_thread():
         scene = capture_scene(capture, options.time_step or time_step_of(pushes), facets=options.facets)
         radius = half_diagonal(scene.mesh)

@@ -131,7 +131,7 @@ def test_a_hit_tells_the_restitution(capture, tmp_path, time_step, error):
         assert not found.nuisance[f"grip_{body}"].identifiable
 
 
-def test_a_pusher_that_sticks_has_friction_up_to_any(capture, tmp_path):
+def test_the_friction_of_a_pusher_that_sticks_is_unknown(capture, tmp_path):
     folder, true = tmp_path / "capture", 0.7
     shutil.copytree(capture, folder)
     write_push(folder, load_capture(folder), "0005", log(0.0, 0.008), 5, friction_pusher=true)
