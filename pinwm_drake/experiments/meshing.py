@@ -100,7 +100,7 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
         mesh.apply_translation(-middle)
         if kind == "hull":
             doubts.append(
-                "this is the hull of the masks: cups are filled, flat tops are domes without grazing views, and sides "
+                "this is the hull of the masks: cups are filled, the top is as flat as the outlines allow, and sides "
                 f"are off by {1e3 * HULL_ERROR:.1f} mm on average"
             )
     pose = find_start_pose(Outlines.of(shots, masks), mesh, capture.floor_height) if shots else None

@@ -15,11 +15,12 @@ from tests.masks.scenes import FOCAL, SIZE, block, cameras, pose
 
 VOXEL = 0.004
 VIEWS = cameras(10, 35.0) + cameras(6, 8.0)
+HIGH = cameras(12, 35.0)
 
 
-def shots():
+def shots(views=VIEWS):
     K = np.array([[FOCAL, 0, SIZE / 2 - 0.5], [0, FOCAL, SIZE / 2 - 0.5], [0, 0, 1]])
-    return [Shot(str(k), np.zeros((SIZE, SIZE, 3), np.uint8), K, np.linalg.inv(X)) for k, X in enumerate(VIEWS)]
+    return [Shot(str(k), np.zeros((SIZE, SIZE, 3), np.uint8), K, np.linalg.inv(X)) for k, X in enumerate(views)]
 
 
 def drawn(*things, views=VIEWS):
@@ -76,6 +77,42 @@ def test_the_sides_of_a_hull_are_those_of_the_object():
     assert (~outer).sum() < 0.4 * len(points)
     assert abs(found.bounds[0, 2]) < 1e-6  # closed at the table
     assert abs(found.bounds[1, 2] - true.bounds[1, 2]) < 4e-3
+
+
+def on_the_table(mesh, views):
+    """The mesh on the table, turned, and the hull of its masks."""
+    true = mesh.copy()
+    true.apply_transform(trimesh.transformations.rotation_matrix(0.6, [0, 0, 1]))
+    true.apply_translation([0.01, -0.005, -true.bounds[0, 2]])
+    box = true.bounds + [[0, 0, 0], [0, 0, 0.03]]
+    (found,) = hull_meshes(drawn((true, np.eye(4)), views=views), [s.P for s in shots(views)], box, VOXEL, 0.0)
+    return true, found
+
+
+@pytest.mark.parametrize("extents", [(0.06, 0.06, 0.045), (0.09, 0.06, 0.02)])
+def test_a_flat_top_is_flat_though_all_photos_are_from_above(extents):
+    """From 35 degrees on the masks alone leave a dome, 15 and 19 mm higher than the top."""
+    true, found = on_the_table(trimesh.creation.box(extents), HIGH)
+    assert abs(found.bounds[1, 2] - true.bounds[1, 2]) < 2e-3
+    assert abs(found.volume / true.volume - 1) < 0.1
+
+
+def test_a_top_that_slopes_keeps_its_slope():
+    wedge = trimesh.convex.convex_hull(
+        np.array([[x, y, z] for x, top in ((-0.05, 0.06), (0.05, 0.02)) for y in (-0.03, 0.03) for z in (0.0, top)])
+    )
+    true, found = on_the_table(wedge, HIGH)
+    points, faces = trimesh.sample.sample_surface(true, 3000, seed=0)
+    away = cKDTree(trimesh.sample.sample_surface(found, 100_000, seed=1)[0]).query(points)[0]
+    assert away[true.face_normals[faces][:, 2] > 0.5].mean() < 2e-3
+
+
+def test_a_knob_on_a_flat_top_stays():
+    knob = trimesh.creation.cylinder(0.01, 0.025, sections=24).apply_translation([0, 0, 0.0325])
+    true, found = on_the_table(
+        trimesh.boolean.union([trimesh.creation.box((0.06, 0.06, 0.045)), knob], engine="manifold"), VIEWS
+    )
+    assert abs(found.bounds[1, 2] - true.bounds[1, 2]) < 3e-3
 
 
 def test_depths_carve_what_a_hull_fills():

@@ -9,6 +9,7 @@ import trimesh
 from scipy import ndimage
 
 from pinwm_drake.geometry.hull.repair import as_mesh, simplified
+from pinwm_drake.geometry.hull.top import flattened
 from pinwm_drake.geometry.hull.visual import Grid, hull_depths, sampled, signed_distance
 
 _VOXELS = 70  # along the largest extent of the object
@@ -30,7 +31,7 @@ def hull_meshes(
 ) -> list[trimesh.Trimesh]:
     """Closed meshes [m, world] of the pieces that masks leave, cut off at the table, the largest first.
 
-    The hull fills cups and rounds what no photo shows from the side. Depths carve what it fills.
+    The hull fills cups, and its top is as flat as the outlines allow. Depths carve what it fills.
 
     Args:
         masks: (H, W) bool each.
@@ -49,7 +50,9 @@ def hull_meshes(
     places = grid.points()
     distances = [signed_distance(mask) for mask in masks]
     field = hull_depths(distances, projections, places, _ALONE * voxel)
-    if depths is not None:
+    if depths is None:
+        field = flattened(field.reshape(grid.shape), grid, distances, projections)
+    else:
         # Outlines waver, and the least of many is too small: where depths tell, they do.
         field = np.minimum(field + _MARGIN * voxel, _fused(depths, projections, places, _BAND * voxel))
     values = field.reshape(grid.shape)
