@@ -84,7 +84,7 @@ def on_the_table(mesh, views):
     true = mesh.copy()
     true.apply_transform(trimesh.transformations.rotation_matrix(0.6, [0, 0, 1]))
     true.apply_translation([0.01, -0.005, -true.bounds[0, 2]])
-    box = true.bounds + [[0, 0, 0], [0, 0, 0.03]]
+    box = np.add(true.bounds, [[0, 0, 0], [0, 0, 0.03]])  # room for a dome
     (found,) = hull_meshes(drawn((true, np.eye(4)), views=views), [s.P for s in shots(views)], box, VOXEL, 0.0)
     return true, found
 
