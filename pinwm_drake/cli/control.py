@@ -75,6 +75,7 @@ def control(request: ControlRequest) -> None:
             simulate_arm=request.simulate_arm,
             arm=request.arm_model,
             contact=contact_name(request.contact),
+            latency=request.latency,
             meshcat=page,
             recording=film is not None,
         )

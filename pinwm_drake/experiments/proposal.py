@@ -61,9 +61,9 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
     lines = [
         f"where the object comes to rest is predicted to {1e3 * position:.1f} mm and {math.degrees(turn):.1f}° "
         f"(standard deviation, nine of ten random pushes); good enough are {limits}",
-        "a further push would hardly change what the twin predicts"
+        "a push would hardly change what the twin predicts"
         if proposal.is_good_enough
-        else "so another push is worth filming",
+        else "so a push is worth filming",
         f"with the object at {_pose_words(proposal.X_WO)}, {verb} the side that faces {_side(mesh_W, motion)}: "
         f"from ({start}) mm towards {_heading(direction)}{up}, for {1e3 * motion.distance:.0f} mm "
         f"at {1e3 * motion.speed:.0f} mm/s",

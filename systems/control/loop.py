@@ -70,6 +70,7 @@ class ControlLoop:
         simulate_arm: Flag, with "lcm": an arm is simulated behind the station, in this process.
         arm: Name of that arm, of `ARMS`.
         contact: Contact model of the simulated arm.
+        latency: s, of that arm's camera, from exposure to sending.
         meshcat: Shows the scene, the state and what the policy sees, if given; with "lcm", the simulated arm.
         recording: Flag: Meshcat keeps what was shown, for a recording.
 
@@ -95,6 +96,7 @@ class ControlLoop:
         simulate_arm: bool = False,
         arm: ArmName = "iiwa",
         contact: ContactName = "hydroelastic",
+        latency: float = 0.0,
         meshcat: Meshcat | None = None,
         recording: bool = False,
     ) -> None:
@@ -109,7 +111,8 @@ class ControlLoop:
             lcm = make_lcm(setup.scenario.lcm)
             self.station = make_station(setup, engine, lcm=lcm, armed=armed)
             if simulate_arm:
-                self.driver = builder.AddSystem(ArmDriver(setup, lcm, arm=arm, contact=contact, meshcat=meshcat))
+                driver = ArmDriver(setup, lcm, arm=arm, contact=contact, latency=latency, meshcat=meshcat)
+                self.driver = builder.AddSystem(driver)
         else:
             self.station = make_station(setup, engine, meshcat=meshcat)
         builder.AddSystem(self.station)

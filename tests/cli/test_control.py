@@ -87,6 +87,9 @@ def test_a_simulated_panda(pinwm, bundle):
     code, _, errors = pinwm("control", bundle, "--arm", *options)
     assert code == 1
     assert "--arm-model: got panda; allowed: iiwa, but with --simulate-arm" in " ".join(errors.split())
+    code, _, errors = pinwm("control", bundle, "--arm", "--latency", "0.08")
+    assert code == 1
+    assert "--latency: got 0.08; allowed: 0, but with --simulate-arm" in " ".join(errors.split())
 
 
 def robot_setup(key=None):

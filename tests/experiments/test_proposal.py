@@ -38,7 +38,7 @@ def test_it_says_which_side_is_pushed_where_to_and_what_it_tells(twin):
     assert describe(twin, proposal(y=0.01)) == [
         "where the object comes to rest is predicted to 3.1 mm and 1.4° "
         "(standard deviation, nine of ten random pushes); good enough are 2 mm and 2°",
-        "so another push is worth filming",
+        "so a push is worth filming",
         "with the object at (0, 0) mm and yaw 0°, push the side that faces -x (180°): "
         "from (-100, 10, 0) mm towards +x (0°), for 100 mm at 120 mm/s",
         "the pusher passes 10 mm to the left of the centre of mass: the object turns clockwise, seen from above",

@@ -11,6 +11,7 @@ from pinwm_drake.request import ADVANCED, BUDGET, DATA, FLATTEN, LAB, argument, 
 StationEngine = Literal["twin", "hydroelastic", "point", "lcm"]
 Contact = Literal["hydroelastic", "point"]
 SimulatedArm = Annotated[Literal["iiwa", "panda"], option("Arm that is simulated.", group=LAB)]
+Latency = Annotated[float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)]
 Bundle = Annotated[
     str, argument("Folder that `pinwm export` wrote, or the name of a bundle that ships.", "BUNDLE", completes="bundle")
 ]
@@ -116,6 +117,7 @@ class ControlRequest:
     contact: Annotated[Contact, option("Contact model of the simulated arm; point takes half the time.", group=LAB)] = (
         "hydroelastic"
     )
+    latency: Latency = 0.0
     lcm_url: LcmUrl = None
     key: Key = None
     station: Annotated[
@@ -137,6 +139,7 @@ class ControlRequest:
         require("--key", self.key, self.key is None or self.station_engine == "lcm", "none, but with lcm")
         simulated = self.simulate_arm or self.arm_model == "iiwa"
         require("--arm-model", self.arm_model, simulated, "iiwa, but with --simulate-arm")
+        require("--latency", self.latency, self.simulate_arm or self.latency == 0, "0, but with --simulate-arm")
         require("--meshcat", self.meshcat, not (self.meshcat and robot), "none for a robot, which can be looked at")
         require("--record", self.record, not (self.record and robot), "none for a robot, which can be filmed")
         require_suffix("--record", self.record, ".html", ".htm")
@@ -162,9 +165,7 @@ class ArmRequest:
         ),
     ] = None
     duration: Annotated[float, option("Duration of the simulation.", group=BUDGET, unit="s", ge=0.1, le=3600)] = 60.0
-    latency: Annotated[
-        float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
-    ] = 0.0
+    latency: Latency = 0.0
     arm_model: SimulatedArm = "iiwa"
     contact: Annotated[Contact, option("Contact model of the arm; point takes half the time.", group=LAB)] = "point"
     lcm_url: LcmUrl = None
@@ -197,9 +198,7 @@ class RehearseRequest:
             "Least number of episodes of normal work.", group=BUDGET, ge=0, le=100_000, default="10, or 0 with faults"
         ),
     ] = None
-    latency: Annotated[
-        float, option("Time from an image's exposure to its arrival.", group=LAB, unit="s", ge=0, le=1)
-    ] = 0.0
+    latency: Latency = 0.0
     arm_model: SimulatedArm = "iiwa"
     port: Annotated[
         int, option("Port of LCM on this machine; two rehearsals at once need two.", group=LAB, ge=1024, le=65535)

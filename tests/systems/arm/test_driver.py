@@ -131,6 +131,14 @@ def test_a_dry_run_moves_nothing(setup):
     assert (rows[-1].p_WP == PLACE.p_WP).all()
 
 
+def test_images_of_a_late_camera_are_as_old_as_that(setup):
+    _, rows, _ = run(setup, "lcm", simulate_arm=True, contact="point", seconds=0.6, latency=0.08)
+    ages = [row.status.image_age for row in rows[2:]]
+    assert {row.status.state for row in rows[1:]} == {"running"}
+    assert min(ages) >= 0.08 - 1e-6
+    assert max(ages) < 0.08 + 0.06
+
+
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_tool_follows_within_millimetres_at_its_height(setup, arm):
     track = Track(setup, arm)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: MIT
+"""Episodes of a bundle by a simulated arm over LCM."""
