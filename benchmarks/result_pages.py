@@ -134,7 +134,7 @@ def review() -> str:
 
 def elsewhere(file: str = "flip_elsewhere.json") -> str:
     """Table of policies of flips in engines without part in their training."""
-    words, rows = {engine: name for name, engine in _ENGINES.items()}, []
+    words, rows = {engine: name for name, engine in _ENGINES.items()} | _ARMS, []
     for row in read(file)["results"]:
         floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)
         late, success = f"{1e3 * row['latency']:.0f} ms", percent(row["successes"] / row["episodes"])
@@ -241,6 +241,7 @@ _ENGINES = {
     "Drake, hydroelastic": "hydroelastic",
     "Drake, points": "point",
 }
+_ARMS = {"panda": "Panda over LCM, hydroelastic"}
 
 
 def _predictions(kind: str, method: str, pushes: int, engine: str = "") -> list[dict[str, Any]]:
@@ -443,6 +444,7 @@ BLOCKS: tuple[tuple[Path, str, Callable[[], str]], ...] = (
     (RESULTS / "robustness.md", "elsewhere", elsewhere),
     (RESULTS / "robustness.md", "new_objects", partial(elsewhere, "new_objects.json")),
     (RESULTS / "robustness.md", "late_camera", late_camera),
+    (RESULTS / "robustness.md", "arms", partial(elsewhere, "arm_flips.json")),
     (RESULTS / "robustness.md", "stand_in", stand_in),
     (RESULTS / "robustness.md", "stopping", stopping),
     (RESULTS / "robustness.md", "faults", faults),
