@@ -5,7 +5,6 @@
 
 Each episode is that of `pinwm control BUNDLE --arm --simulate-arm --arm-model ARM --latency S --seed N`: its messages,
 limits and faults are those of a robot behind LCM, within one process, whose time does not run on while it computes.
-An episode lasts as long as in `pinwm rehearse`: twice the actions of one in training.
 OUT.jsonl has a line for each episode; those that it has already are not run again.
 """
 
@@ -22,7 +21,6 @@ from benchmarks import timing
 if __name__ == "__main__":
     timing.limit_threads(1)  # before numba and torch are imported
 
-from pinwm_drake.control.safety_filter import HALTED
 from pinwm_drake.learning.bundle import read_bundle
 from pinwm_drake.systems.arm.model import ARMS, ArmName
 from pinwm_drake.systems.control.loop import ControlLoop
@@ -53,14 +51,14 @@ def episode(bundle: str, arm: ArmName, latency: float, seed: int) -> dict[str, o
         speeds.append(float((np.abs(v) / plant.GetVelocityUpperLimits()).max()))
         return ""
 
-    rows = list(loop.advance(2.0 * found.spec.max_steps * found.spec.horizon, stop=look))
+    rows = list(loop.advance(found.spec.max_steps * found.spec.horizon, stop=look))
     loop.stop()
     row = rows[-1]
     return {
         "seed": seed,
         "success": row.success,
         "actions": len(rows) - 1,
-        "fault": row.status.reason if row.status.state in HALTED and not row.success else "",
+        "fault": row.status.reason if row.status.state == "latched" else "",
         "at the end, m": round(row.distance, 4),
         "at the end, deg": round(math.degrees(row.angle), 1),
         "room of a joint, rad": round(min(rooms), 4),
