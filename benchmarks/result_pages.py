@@ -133,7 +133,7 @@ def review() -> str:
 
 
 def elsewhere(file: str = "flip_elsewhere.json") -> str:
-    """Table of policies of flips in engines without part in their training."""
+    """Table of policies of flips in engines, or by simulated arms, without part in their training."""
     words, rows = {engine: name for name, engine in _ENGINES.items()} | _ARMS, []
     for row in read(file)["results"]:
         floor, pusher = row.get("friction_floor", 0.2), row.get("friction_pusher", 0.9)

@@ -21,37 +21,41 @@ from benchmarks import timing
 if __name__ == "__main__":
     timing.limit_threads(1)  # before numba and torch are imported
 
-from pinwm_drake.learning.bundle import read_bundle
-from pinwm_drake.systems.arm.model import ARMS, ArmName
+from pinwm_drake.learning.bundle import Bundle, read_bundle
+from pinwm_drake.systems.arm.model import ARMS, JOINTS, ArmName
 from pinwm_drake.systems.control.loop import ControlLoop
 from pinwm_drake.systems.envs.options import EnvOptions, environment_setup
 from pinwm_drake.systems.envs.policy_scene import FORCE, policy_setup
 from pinwm_drake.systems.scenario.load import with_url
 from pinwm_drake.systems.scenario.schema import MEMORY
+from pinwm_drake.systems.scenario.setup import Setup
 
-_JOINTS = 7
 
+def episode(bundle: Bundle, setup: Setup, arm: ArmName, latency: float, seed: int) -> dict[str, object]:
+    """Figures of one episode: success, number of actions, fault, and the joints' least room and largest speed.
 
-def episode(bundle: str, arm: ArmName, latency: float, seed: int) -> dict[str, object]:
-    """Figures of one episode: success, number of actions, fault, and the joints' least room and largest speed."""
-    found = read_bundle(bundle)
-    setup = policy_setup(found.spec, found.provenance, bundle, None, FORCE)
-    setup = with_url(environment_setup(setup, EnvOptions(image_size=found.spec.camera.width)), MEMORY, None)
-    loop = ControlLoop(found, found.limits, setup, "lcm", armed=True, simulate_arm=True, arm=arm, latency=latency)
+    Args:
+        bundle: The policy.
+        setup: Its scene, with LCM in memory.
+        arm: Name of the arm.
+        latency: s, of the camera.
+        seed: Seed of the start.
+    """
+    loop = ControlLoop(bundle, bundle.limits, setup, "lcm", armed=True, simulate_arm=True, arm=arm, latency=latency)
     driver = loop.driver
     assert driver is not None
-    plant, rooms, speeds, row = driver.model.plant, [], [], None
+    plant, rooms, speeds = driver.model.plant, [], []
     loop.begin(loop.draw_place(np.random.default_rng(seed)))
     loop.listen()
 
     def look() -> str:
         mine = driver.GetMyContextFromRoot(loop.simulator.get_context())
-        q, v = np.split(driver.GetOutputPort("arm_state").Eval(mine), [_JOINTS])
+        q, v = np.split(driver.GetOutputPort("arm_state").Eval(mine), [JOINTS])
         rooms.append(float(np.minimum(q - plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits() - q).min()))
         speeds.append(float((np.abs(v) / plant.GetVelocityUpperLimits()).max()))
         return ""
 
-    rows = list(loop.advance(found.spec.max_steps * found.spec.horizon, stop=look))
+    rows = list(loop.advance(bundle.spec.max_steps * bundle.spec.horizon, stop=look))
     loop.stop()
     row = rows[-1]
     return {
@@ -77,11 +81,19 @@ def main() -> None:
     parser.add_argument("--start", type=int, default=1000, help="seed of the first episode")
     given = parser.parse_args()
     logging.getLogger("drake").setLevel(logging.ERROR)
+    bundle = read_bundle(given.bundle)
+    setup = policy_setup(bundle.spec, bundle.provenance, given.bundle, None, FORCE)
+    setup = with_url(environment_setup(setup, EnvOptions(image_size=bundle.spec.camera.width)), MEMORY, None)
+    run = {"bundle": bundle.sha256, "arm": given.arm, "latency, s": given.latency}
     rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
+    if any({key: row[key] for key in run} != run for row in rows):
+        parser.error(f"{given.out}: got episodes of another bundle, arm or latency; allowed: a new file")
+    seeds = range(given.start, given.start + given.episodes)
+    rows = [row for row in rows if row["seed"] in seeds]
     done = {row["seed"] for row in rows}
-    for seed in range(given.start, given.start + given.episodes):
+    for seed in seeds:
         if seed not in done:
-            rows.append(episode(given.bundle, given.arm, given.latency, seed))
+            rows.append(run | episode(bundle, setup, given.arm, given.latency, seed))
             with given.out.open("a") as file:
                 file.write(json.dumps(rows[-1]) + "\n")
             print(rows[-1], flush=True)
