@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: MIT
 """Frictions by one poke each: pokes that are drawn by number, in engines with small steps, fitted by their poses.
 
-    python -m benchmarks.next_push.pokes OUT [--engine ENGINE ...] [--first K] [--number N] [--seeds S]
+    python -m benchmarks.next_push.pokes OUT [--engine ENGINE ...] [--first K] [--number N] [--seeds S] [--lump]
 
 Objects are the lying mug, the lying mug with a handle and the cube in turn; frictions, starts and pokes follow from the
-number. Poses of 24 a second for two seconds, with noise of 0.2 mm and 0.2 degrees, stand for a pose estimator. Results
-are lines of OUT; those that are there are not made anew.
+number. With --lump, objects are lying mugs with a lump in their wall, 6 mm off the axis, which the fit is not told of.
+Poses of 24 a second for two seconds, with noise of 0.2 mm and 0.2 degrees, stand for a pose estimator. Results are
+lines of OUT; those that are there are not made anew.
 """
 
 import argparse
@@ -20,6 +21,8 @@ from typing import Any
 
 import numpy as np
 import torch
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RotationMatrix
 
 from benchmarks import timing
 
@@ -42,11 +45,13 @@ from pinwm_drake.spatial.rotations import quaternion_exp, quaternion_multiply
 from pinwm_drake.systems.crosscheck.motion import SceneRig, unlimited
 from pinwm_drake.systems.crosscheck.pokes import draw_pokes
 from pinwm_drake.systems.crosscheck.trials import Trial
+from pinwm_drake.systems.runs.realism.uneven import uneven_twin
 from pinwm_drake.systems.scenario.load import load_setup
 from pinwm_drake.systems.scenario.setup import Setup
 
 ENGINES = ("hydroelastic", "point", "mujoco")
 SCENES = {"mug": "flip_mug", "mug_handle": "flip_mug_handle", "cube": "flip_cube"}
+LUMPY = "mug_lump"
 _HEADER = (
     "engine, fitted by | pokes | error of the floor's friction, median | within 5 % | within 10 % "
     "| its 95 % interval holds | that of the pusher's friction holds, or it is called unknown "
@@ -57,19 +62,32 @@ _FLOOR, _PUSHER = (0.1, 0.4), (0.4, 1.0)
 _STEP, _STEPS_PER_LOG = 1 / 15360, 128  # s, of Drake's plants; in 1/240 s of MuJoCo
 _RATE, _SECONDS = 24.0, 2.0
 _NOISE = 2e-4, math.radians(0.2)  # m, rad
+_WAYS = {False: "poses", True: "poses, mugs with a lump"}
 
 
-def poke(number: int) -> tuple[str, Setup, Trial]:
-    """Object, scene with the truth, and poke of a number."""
+def poke(number: int, *, lump: bool = False) -> tuple[str, Setup, Trial]:
+    """Object, scene with the truth, and poke of a number; the object is a mug with a lump where that is asked for."""
     generator = np.random.default_rng([7, number])
-    name = list(SCENES)[number % len(SCENES)]
+    name = LUMPY if lump else list(SCENES)[number % len(SCENES)]
     floor, pusher = (round(float(generator.uniform(*ends)), 3) for ends in (_FLOOR, _PUSHER))
-    setup = load_setup(SCENES[name])
+    setup = load_setup(SCENES["mug" if lump else name])
     theta = {"friction_floor": floor, "friction_pusher": pusher, "restitution_floor": 0.0, "restitution_pusher": 0.0}
     twin = setup.twin.with_theta(**theta)
     twin = replace(twin, support="patch", time_step=1 / 960, acts_as=mesh_primitives(twin.mesh_path), nuisance={})
     setup = unlimited(replace(setup, twin=twin, plant_time_step=_STEP))
+    if lump:
+        setup = _with_lump(setup)
     return name, setup, draw_pokes(setup, 1, int(generator.integers(2**31)))[0]
+
+
+def _with_lump(setup: Setup) -> Setup:
+    """Scene with a lump in its object, which begins as it comes to rest."""
+    start = setup.scenario.start
+    q_WO = np.array(start.q_WO) / np.linalg.norm(start.q_WO)
+    up = RotationMatrix(Quaternion(wxyz=q_WO)).matrix()[2]
+    twin = uneven_twin(setup.twin, up, np.random.default_rng(0), Path(), feet=False)
+    scenario = replace(setup.scenario, start=replace(start, rolls=1))
+    return replace(setup, twin=twin, scenario=scenario)
 
 
 def motion(setup: Setup, trial: Trial, engine: str) -> ObjectPoses:
@@ -172,19 +190,20 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--number", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3, help="seeds of the search of each")
+    parser.add_argument("--lump", action="store_true", help="mugs with a lump in their wall")
     given = parser.parse_args()
     lines = given.out.read_text().splitlines() if given.out.exists() else []
-    done = {(one["number"], one["engine"]) for one in map(json.loads, lines)}
+    done = {(one["number"], one["engine"]) for one in map(json.loads, lines) if (one["object"] == LUMPY) == given.lump}
     for number in range(given.first, given.first + given.number):
         left = [engine for engine in given.engine if (number, engine) not in done]
         if not left:
             continue
-        name, setup, trial = poke(number)
+        name, setup, trial = poke(number, lump=given.lump)
         truth = {key: setup.twin.theta[key].value for key in _FRICTIONS}
         for engine in left:
             began = time.perf_counter()
             poses = measured(motion(setup, trial, engine), np.random.default_rng([8, number]))
-            row = {"number": number, "engine": engine, "way": "poses", "object": name, "truth": truth}
+            row = {"number": number, "engine": engine, "way": _WAYS[given.lump], "object": name, "truth": truth}
             row |= {"found": fit(setup, trial, poses, range(given.seeds)), "seconds": time.perf_counter() - began}
             with given.out.open("a") as file:
                 file.write(json.dumps(row) + "\n")

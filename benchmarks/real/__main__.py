@@ -36,7 +36,7 @@ def main() -> None:
         for job in SETS[name](given.data, given.out, _TESTS[name]):
             if given.only in job.path.stem and (job.path.is_file() or not given.stored):
                 cases.append(job.run())
-                print(job.path.stem, words(summary(cases[-1]["predictions"])), flush=True)
+                print(job.path.stem, words(summary(cases[-1])), flush=True)
     if given.write:
         write(cases)
 

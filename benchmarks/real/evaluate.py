@@ -4,7 +4,7 @@
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from pinwm_drake.experiments.twins import identify
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.spatial.rotations import turn_between
 from pinwm_drake.twin.predict import TWO_SIDED
+from pinwm_drake.twin.twin import Twin
 
 # Of a slow push, which is the same at any step; of a fast one.
 SLOW, FAST = 0.1, 1.0 / 240.0
@@ -50,8 +51,17 @@ def fit_and_predict(
         "cpu": {"fit": round(fitted - begun, 1), "predict": round(time.process_time() - fitted, 1)},
         "estimates": {name: [one.value, one.interval, one.identifiable] for name, one in estimates.items()},
         "frame": found.provenance.get("frame"),
+        "noise": pose_noise(found),
         "predictions": rows,
     }
+
+
+def pose_noise(twin: Twin) -> list[float] | None:
+    """White noise of x, y [m] and yaw [rad] that a fit to measured poses takes; None where it was to images."""
+    if "poses" not in twin.provenance:
+        return None
+    noise = twin.provenance["poses"]["noise"]
+    return [*noise["position"][:2], noise["rotation"][2]]
 
 
 def figures(found: Prediction) -> dict[str, Any]:
@@ -73,9 +83,14 @@ def figures(found: Prediction) -> dict[str, Any]:
     }
 
 
-def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Mean errors of predictions, mm and deg, at the end and over the path, and the share that intervals hold."""
+def summary(case: Mapping[str, Any]) -> dict[str, float]:
+    """Mean errors of predictions, mm and deg, at the end and over the path, and the share that intervals hold.
+
+    Errors are against measured poses, so intervals count the noise of these.
+    """
+    rows = case["predictions"]
     end, spread = (np.array([row[key] for row in rows]) for key in ("end", "spread"))
+    spread = np.hypot(spread, case.get("noise") or 0.0)
     path = np.array([row["path"] for row in rows])
     return {
         "mm": 1e3 * float(np.hypot(end[:, 0], end[:, 1]).mean()),

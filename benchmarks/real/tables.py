@@ -32,7 +32,7 @@ def triangle(cases: Sequence[dict[str, Any]]) -> str:
         if case["set"] == "triangle":
             found = [case["estimates"][f"support_{axis}"][0] for axis in "xy"]
             known = ", ".join(f"{value:g}" for value in case["points"])
-            errors = words(summary(case["predictions"]))
+            errors = words(summary(case))
             rows.append([case["name"], known, ", ".join(f"{one:.2f}" for one in found), _pair(case["still"]), errors])
     return "\n".join(markdown("set | spread of its points, x, y | found | stands still | from 10 pushes", rows))
 
@@ -42,7 +42,7 @@ def others(cases: Sequence[dict[str, Any]]) -> str:
     rows = []
     for case in cases:
         if case["set"] not in ("mit", "triangle"):
-            found = summary(case["predictions"])
+            found = summary(case)
             path = f"{found['path_mm']:.1f}, {found['path_deg']:.1f}"
             rows.append([case["set"], case["number"], found["number"], path, words(found)])
     return "\n".join(markdown("set | fitted | predicted | over the path | at the end", rows))
@@ -55,7 +55,7 @@ def _mean(column: Iterable[dict[str, float] | None]) -> str:
 
 
 def _pooled(cases: Sequence[dict[str, Any]]) -> dict[str, float]:
-    return summary([row for case in cases for row in case["predictions"]])
+    return summary({**cases[0], "predictions": [row for case in cases for row in case["predictions"]]})
 
 
 def _pair(values: Iterable[float]) -> str:

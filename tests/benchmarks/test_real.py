@@ -61,11 +61,16 @@ def prediction(dx, spread, **others):
 
 
 def test_the_summary_counts_what_intervals_hold():
-    found = summary([prediction(0.003, 0.001), prediction(0.001, 0.001)])
+    rows = [prediction(0.003, 0.001), prediction(0.001, 0.001)]
+    found = summary({"predictions": rows})
     assert found["mm"] == pytest.approx(2.0)
     assert found["deg"] == pytest.approx(math.degrees(0.1))
     assert found["path_mm"] == pytest.approx(1.0)
     assert found["cover"] == pytest.approx(5 / 6)
+    # 3 mm are within 1.96 times 2.24 mm, of the prediction and the measurement together.
+    noise = [0.002, 0.0, 0.0]
+    assert summary({"predictions": rows, "noise": noise})["cover"] == 1.0
+    assert summary({"predictions": rows, "noise": None})["cover"] == pytest.approx(5 / 6)
 
 
 def test_a_stored_case_is_not_made_again_and_results_are_written(tmp_path, monkeypatch):
