@@ -45,6 +45,8 @@ _MAY_CHANGE = ("checkpoint_every", "num_threads")
 NOMINAL_MASS = 1.0  # kg, where none was measured
 _CLOCK = 1e-3  # s, of an offset that was found, at least: exposures are not instants
 _LINES = ("cylinder", "capsule")  # lie on a line
+# Standard deviation of the centre of mass of an object on a round side, as a share of half of its diagonal.
+_SWINGS = 0.07
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +255,7 @@ def chosen_unknowns(
         R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
         spread = (1.0, 1.0, 1.0)
         if options.support == "corners":
-            lying = any(abs(float(one.R_OG[:, 2] @ R_WO[2])) < LYING for one in scene.acts_as if one.kind in _LINES)
-            spread = (1.0 / EVEN_SHARE,) * 3 if lying else corner_spread(scene.mesh, R_WO)
+            spread = (1.0 / EVEN_SHARE,) * 3 if _lies_on_a_line(capture, scene) else corner_spread(scene.mesh, R_WO)
         held |= dict(zip(SUPPORT, spread, strict=True))
     return free, held
 
@@ -277,12 +278,24 @@ def _coordinates(
     views = [{f"view_{axis}": max(UNKNOWNS[f"view_{axis}"].prior, one) for axis in "xyz"} for one in far]
     clocks = [{} if push.clock is None else {"time_offset": max(push.clock.deviation, _CLOCK)} for push in pushes]
     priors = [view | clock for view, clock in zip(views, clocks, strict=True)]
-    return Coordinates(free, held, len(starts), priors, object_priors(capture))
+    return Coordinates(free, held, len(starts), priors, object_priors(capture, scene))
 
 
-def object_priors(capture: Capture) -> dict[str, float]:
-    """Standard deviations of unknowns of the object that a capture tells: its mesh is off by as much as it says."""
-    return {"contact_offset": math.hypot(UNKNOWNS["contact_offset"].prior, capture.object.mesh_error)}
+def object_priors(capture: Capture, scene: Scene) -> dict[str, float]:
+    """Standard deviations of unknowns of the object that a capture tells.
+
+    Its mesh is off by as much as the capture says. One that lies on a round side swings about its centre of mass, which
+    is then no longer mistaken for an error of the frame: it may be far from that of a uniform solid.
+    """
+    found = {"contact_offset": math.hypot(UNKNOWNS["contact_offset"].prior, capture.object.mesh_error)}
+    if _lies_on_a_line(capture, scene):
+        found |= {f"center_{axis}": _SWINGS * half_diagonal(scene.mesh) for axis in "xyz"}
+    return found
+
+
+def _lies_on_a_line(capture: Capture, scene: Scene) -> bool:
+    R_WO = quaternion_to_matrix(capture.object.X_WO.q).numpy()
+    return any(abs(float(one.R_OG[:, 2] @ R_WO[2])) < LYING for one in scene.acts_as if one.kind in _LINES)
 
 
 def _digest(surfels: Surfels) -> str:

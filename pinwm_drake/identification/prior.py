@@ -56,7 +56,7 @@ def prior_twin(capture: Capture, options: IdentifyOptions | None = None) -> Twin
     scene = capture_scene(capture, options.time_step or LONGEST, facets=options.facets)
     mass = given_mass(capture, options)
     free, held = chosen_unknowns(capture, options, scene, mass)
-    coordinates = Coordinates(free, held, 1, shared=object_priors(capture))
+    coordinates = Coordinates(free, held, 1, shared=object_priors(capture, scene))
     generator = torch.Generator().manual_seed(options.seed)
     draws = coordinates.draw_prior(KEPT, generator)
     even = torch.full((len(FINE_DRIFTS),), 1.0 / len(FINE_DRIFTS), dtype=torch.float64)

@@ -8,7 +8,7 @@ some nuisances belong to the object, and are shared by all pushes; the others ar
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -85,6 +85,17 @@ NUISANCES = tuple(name for name, unknown in UNKNOWNS.items() if not unknown.phys
 DEFAULT_FREE = ("friction_floor", "friction_pusher", "restitution_pusher", "moment_xx", "moment_yy", *NUISANCES)
 
 
+def _told(unknown: Unknown, deviations: Mapping[str, float]) -> Unknown:
+    """Unknown with scale, prior and random starts of the standard deviation that is told of it, where that is wider.
+
+    It is the centre of mass alone that a search has to begin with far from its nominal value.
+    """
+    deviation = deviations.get(unknown.name, 0.0)
+    if not unknown.name.startswith("center_") or deviation <= unknown.prior:
+        return unknown
+    return replace(unknown, scale=deviation, prior=deviation, spread=deviation)
+
+
 class Coordinates:
     """The free unknowns as a vector z, and the held ones as constants.
 
@@ -125,7 +136,7 @@ class Coordinates:
                     f"{name}: got {value} to be held at; allowed: {low:g} to {unknown.high:g} {unknown.unit}"
                 )
         self.pushes = pushes
-        common = [UNKNOWNS[name] for name in UNKNOWNS if name in free and UNKNOWNS[name].shared]
+        common = [_told(UNKNOWNS[name], shared or {}) for name in UNKNOWNS if name in free and UNKNOWNS[name].shared]
         own = [UNKNOWNS[name] for name in UNKNOWNS if name in free and not UNKNOWNS[name].shared]
         self.free = common + own * pushes
         self.push = [-1] * len(common) + [push for push in range(pushes) for _ in own]

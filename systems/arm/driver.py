@@ -28,7 +28,9 @@ from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.view.scene import AddSceneView
 
-TIME_STEP = 0.0025  # s, of the plant
+# s, of the plant: where the tool keeps its height, and where it lifts. A lift begins with a hit, which throws the object
+# with steps of 2.5 ms.
+TIME_STEP, LIFT_STEP = 0.0025, 0.00125
 _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
 _SUPERSAMPLING = 3
 _EYE, _TARGET = np.array([1.3, -1.3, 1.0]), np.array([0.0, 0.15, 0.35])  # m, world, of the page's own look
@@ -54,7 +56,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
 
     Measured with the IIWA and actions of 0.1 s in random directions: the tool is 1.5 mm (rms; 2.4 mm at most) from
     where it is to be at that moment at 0.2 m/s, since it is late by some 7 ms; off the path by 1.1 mm at most; and
-    within 0.2 mm of its height, in both contact models and with steps of 1 or 2.5 ms.
+    within 0.2 mm of its height, in both contact models and with steps of 1 or 2.5 ms. Flips have steps of 1.25 ms.
 
     The rod of the Panda swings for speed: see `JointTracker`. Its tool has 7 m/s^2 and is 0.2 mm (rms) off at 0.2 m/s
     and 5.4 mm at 1.25 m/s (`benchmarks.arm_tracking`). Its joints' commands and states are sent as `lcmt_panda_command`
@@ -68,7 +70,7 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         lcm: `make_lcm` of that; the very object that the station has, where both are in one process over `memq://`.
         arm: Name of the arm, of `ARMS`.
         contact: The contact model; "point" takes half the time, 0.7 s of one core for 1 s.
-        time_step: s, of the plant.
+        time_step: s, of the plant; None for `TIME_STEP`, or `LIFT_STEP` where z is an axis of the task.
         latency: s, of the camera, from exposure to sending; rounded to periods of the link.
         meshcat: Shows arm and object, if given.
 
@@ -89,19 +91,20 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         *,
         arm: ArmName = "iiwa",
         contact: ContactName = "hydroelastic",
-        time_step: float = TIME_STEP,
+        time_step: float | None = None,
         latency: float = 0.0,
         meshcat: Meshcat | None = None,
     ) -> None:
         super().__init__()
         link = setup.scenario.lcm
+        time_step = time_step or (LIFT_STEP if moves_up(setup) else TIME_STEP)
         whole_multiple("lcm.image_period", link.image_period, link.period, "lcm.period")
         whole_multiple("lcm.period", link.period, time_step, "the plant's time step")
         self.setup, self.limits, self._lcm = setup, arm_limits(setup, arm), lcm
         self.tally, seal = Tally(), seal_of(link, driver=True)
         height = setup.scenario.start.pusher_height
         self.model = ArmModel(setup.twin.floor_height, height, arm)
-        self._height = None if _moves_up(setup) else height
+        self._height = None if moves_up(setup) else height
         builder = DiagramBuilder()
         builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm))
         self._parts, self._arm = MakeArmPlant(builder, setup, time_step, contact, arm)
@@ -194,7 +197,7 @@ def arm_limits(setup: Setup, arm: ArmName = "iiwa") -> SafetyLimits:
     """
     pusher, height, kind = setup.scenario.pusher, setup.scenario.start.pusher_height, ARMS[arm]
     low, high = np.maximum(pusher.low[:2], kind.reach_low), np.minimum(pusher.high[:2], kind.reach_high)
-    heights = (pusher.low[2], pusher.high[2]) if _moves_up(setup) else (height - _HALF_HEIGHT, height + _HALF_HEIGHT)
+    heights = (pusher.low[2], pusher.high[2]) if moves_up(setup) else (height - _HALF_HEIGHT, height + _HALF_HEIGHT)
     return SafetyLimits(
         box_low=(float(low[0]), float(low[1]), heights[0]),
         box_high=(float(high[0]), float(high[1]), heights[1]),
@@ -205,5 +208,6 @@ def arm_limits(setup: Setup, arm: ArmName = "iiwa") -> SafetyLimits:
     )
 
 
-def _moves_up(setup: Setup) -> bool:
+def moves_up(setup: Setup) -> bool:
+    """Return whether a task moves the pusher up and down."""
     return 2 in setup.task.axis_indices

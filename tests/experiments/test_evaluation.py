@@ -104,6 +104,29 @@ def test_an_evaluation_may_be_late(scenario):
         EvaluateRequest("random", scenario, "twin", latency=-0.1)
 
 
+def test_a_policy_has_the_pusher_and_the_delay_that_it_was_trained_with(scenario, tmp_path):
+    at_once = policy_spec(action_setup(scenario), EnvOptions(frames=2, max_translation=0.02, max_steps=2), "rgb")
+    # Either 0 s was among the delays of its training, or a policy has never seen it.
+    cases = {"often": (0.0, 0.12), "always": (0.09, 0.18)}
+    found = {}
+    for name, latency in cases.items():
+        spec = dataclasses.replace(at_once, latency=latency, acceleration=7.0)
+        write_policy(tmp_path / name, Policy(spec, make_actor(spec), {}))
+        for given in (None, 0.05):
+            request = EvaluateRequest(str(tmp_path / name), scenario, "twin", episodes=1, latency=given)
+            runner = EpisodeRunner(read_contestant(request), request)
+            assert runner.env.worlds.acceleration == 7.0
+            settings = settings_of(request, runner.contestant, runner.env, "")
+            found[name, given] = settings["latency"]
+            assert settings["acceleration"] == 7.0
+    assert found == {
+        ("often", None): 0.0,
+        ("often", 0.05): 0.05,
+        ("always", None): [0.09, 0.18],
+        ("always", 0.05): 0.05,
+    }
+
+
 def test_a_stand_in_is_another_scene_that_policies_do_not_know(scenario, tmp_path):
     torch.manual_seed(0)
     spec = policy_spec(action_setup(scenario), EnvOptions(frames=2, max_translation=0.02, max_steps=2), "rgb")

@@ -4,6 +4,7 @@
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -130,10 +131,23 @@ def station_of(request: EvaluateRequest) -> StandIn | None:
     return StandIn() if request.stand_in else None
 
 
-def delay_of(request: EvaluateRequest) -> float:
-    """Time after which actions take effect, s: the stand-in's own where there is one."""
-    station = station_of(request)
-    return request.latency if station is None else station.latency
+def delays_of(contestant: Contestant, request: EvaluateRequest) -> tuple[float, float]:
+    """Least and largest time after which actions take effect, s: one that is drawn for each episode.
+
+    It is the stand-in's own where there is one; else the one that is asked for, or that of a policy's training where
+    actions were never at once, or 0.
+    """
+    station, given = station_of(request), request.latency
+    if station is not None:
+        return station.latency, station.latency
+    if given is not None:
+        return given, given
+    return _if_never(None if contestant.spec is None else contestant.spec.latency)
+
+
+def _if_never(trained: tuple[float, float] | None) -> tuple[float, float]:
+    """Range that a policy was trained with, s, where 0 is not in it; else 0."""
+    return trained if trained is not None and trained[0] > 0.0 else (0.0, 0.0)
 
 
 def make_environment(contestant: Contestant, request: EvaluateRequest, models: Path) -> TaskEnv:
@@ -154,8 +168,7 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
         setup = with_start_yaw(setup, request.yaw, None if spec is None else spec.task.goal_yaw)
     named = {name: getattr(request, name) for name in ("tolerance", "turn_tolerance")}
     task = {name: value for name, value in named.items() if value is not None}
-    station, delay = station_of(request), delay_of(request)
-    latency = (delay, delay)
+    station, latency = station_of(request), delays_of(contestant, request)
     truth = None if station is None else lambda believed: station.true_scene(believed, models)
     if spec is None:
         task |= {} if request.task is None else {"name": request.task}
@@ -167,7 +180,11 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
             options = dataclasses.replace(options, max_translation=usual)
         return TaskEnv(setup if truth is None else truth(setup), request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
-    env = policy_scene.spec_environment(spec, setup, request.engine, truth=truth, task=task, latency=latency, **steps)
+    # The pusher is the one that the policy was trained for.
+    pusher = {"acceleration": spec.acceleration or math.inf, "lag": _if_never(spec.lag)}
+    env = policy_scene.spec_environment(
+        spec, setup, request.engine, truth=truth, task=task, latency=latency, **pusher, **steps
+    )
     if station is not None:
         env.worlds.spoil = station.spoil()
     return env

@@ -22,7 +22,7 @@ from pinwm_drake.systems.arm.model import ArmName
 from pinwm_drake.systems.scenario.schema import LcmLink
 from pinwm_drake.systems.scenario.setup import Setup
 
-_TIME_STEP = 0.005  # s, of the arm's plant: it takes 0.56 of a core, and with 0.0025 s 0.73
+_TIME_STEP = 0.005  # s, of the arm's plant in a push: it takes 0.56 of a core, and with 0.0025 s 0.73
 _PAST = 300  # messages of a channel that are remembered
 CHANNELS = ("command", "state", "image")
 
@@ -54,12 +54,13 @@ def run_arm(pipe: Connection, setup: Setup, latency: float, arm: ArmName) -> Non
     """
     from pydrake.systems.analysis import Simulator
 
-    from pinwm_drake.systems.arm.driver import ArmDriver
+    from pinwm_drake.systems.arm.driver import ArmDriver, moves_up
     from pinwm_drake.systems.engines.lcm.link import make_lcm
 
     _ignore_ctrl_c()
     lcm = make_lcm(setup.scenario.lcm)
-    driver = ArmDriver(setup, lcm, arm=arm, contact="point", time_step=_TIME_STEP, latency=latency)
+    time_step = None if moves_up(setup) else _TIME_STEP
+    driver = ArmDriver(setup, lcm, arm=arm, contact="point", time_step=time_step, latency=latency)
     simulator = Simulator(driver)
     context = simulator.get_mutable_context()
     driver.SetPlace(context, driver.draw_place(np.random.default_rng(0)))

@@ -62,7 +62,16 @@ class EvaluateRequest:
             default="the scene's",
         ),
     ] = None
-    latency: Annotated[float, option("Delay of an action.", group=LAB, unit="s", ge=0)] = 0.0
+    latency: Annotated[
+        float | None,
+        option(
+            "Delay of an action.",
+            group=LAB,
+            unit="s",
+            ge=0,
+            default="0; as in its training, for a policy that never had 0",
+        ),
+    ] = None
     max_steps: Annotated[
         int | None, option("Largest number of actions in an episode.", group=BUDGET, default="the policy's")
     ] = None
@@ -91,7 +100,7 @@ class EvaluateRequest:
         require("--seed", self.seed, self.seed <= last, f"0 to {last}")
         plant = not self.stand_in or self.engine != "twin"
         require("--stand-in", f"one with engine {self.engine}", plant, "with hydroelastic, point")
-        own = not self.stand_in or self.latency == 0.0
+        own = not self.stand_in or not self.latency
         require("--latency", "one beside that of the stand-in", own, "without --stand-in")
         free = self.max_translation is None or self.policy in (MPC, RANDOM)
         require("--max-translation", "one beside a policy, which has its own", free, "with mpc, random")

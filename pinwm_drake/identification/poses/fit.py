@@ -154,7 +154,7 @@ def identify_poses(
         priors = {name: max(UNKNOWNS[name].prior, one) for name, one in far.items()}
         own = Coordinates(own_names, held, 1, [priors]) if own_names else None
         shared = [name for name in free if UNKNOWNS[name].shared]
-        coordinates = Coordinates(shared, held, 1, shared=object_priors(capture))
+        coordinates = Coordinates(shared, held, 1, shared=object_priors(capture, scene))
         problem = PosedProblem(tuple(chosen), coordinates, own)
         search = _Search(problem, tuple(whole), options, radius, report)
         surrogate, z, sigma = search.run(sigma)
