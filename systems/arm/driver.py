@@ -28,8 +28,8 @@ from pinwm_drake.systems.scenario.start import Place, StartDistribution
 from pinwm_drake.systems.sdf.twin import ContactName
 from pinwm_drake.systems.view.scene import AddSceneView
 
-# s, of the plant: where the tool keeps its height, and where it lifts. A lift begins with a hit, which throws the object
-# with steps of 2.5 ms.
+# s, of the plant: where the tool keeps its height, and where it lifts. With steps of 2.5 ms the hit that begins a lift
+# throws the object.
 TIME_STEP, LIFT_STEP = 0.0025, 0.00125
 _HALF_HEIGHT = 0.01  # m, of the box that the tool may be in
 _SUPERSAMPLING = 3
