@@ -8,14 +8,14 @@ from pydrake.lcm import DrakeLcmInterface
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmInterfaceSystem
-from pydrake.systems.primitives import Multiplexer
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.learning.safety import SafetyLimits
 from pinwm_drake.systems.arm.control import AddArmControl, ToolState
 from pinwm_drake.systems.arm.gate import CommandGate
 from pinwm_drake.systems.arm.messages import STATE_NAMES, AddPandaMessages, ImageSender
-from pinwm_drake.systems.arm.model import ARMS, ArmModel, ArmName
+from pinwm_drake.systems.arm.model import ARMS, JOINTS, ArmModel, ArmName
 from pinwm_drake.systems.arm.plant import MakeArmPlant
 from pinwm_drake.systems.cameras.object_camera import AddObjectImage
 from pinwm_drake.systems.engines.lcm.messages import Tally, make_publisher
@@ -119,7 +119,12 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         if arm == "panda":
             wanted = AddPandaMessages(builder, lcm, link.period, plant, self._arm, wanted)
         builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))
-        gate = builder.AddNamedSystem("command_gate", CommandGate(lcm, link, self.limits.max_speed, self.tally, seal))
+        fastest = self.model.plant.GetVelocityUpperLimits()
+        gating = CommandGate(lcm, link, self.limits.max_speed, self.tally, seal, fastest)
+        gate = builder.AddNamedSystem("command_gate", gating)
+        speeds = builder.AddNamedSystem("joint_velocities", Demultiplexer([JOINTS, JOINTS]))
+        builder.Connect(plant.get_state_output_port(self._arm), speeds.get_input_port())
+        builder.Connect(speeds.get_output_port(1), gate.GetInputPort("joint_velocities"))
         for name in ("pusher_velocity_W", "command_time"):
             builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
         both = builder.AddNamedSystem("state_and_status", Multiplexer([6, 4]))

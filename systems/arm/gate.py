@@ -9,6 +9,7 @@ comes latches it at rest until a person arms a controller anew.
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
 from drake import lcmt_drake_signal  # type: ignore[import-untyped]  # LCM's types
 from pydrake.common.value import AbstractValue
 from pydrake.lcm import DrakeLcmInterface
@@ -21,7 +22,7 @@ from pinwm_drake.systems.engines.lcm.signal import COMMAND_NAMES
 from pinwm_drake.systems.ports import Immutable, declare_vector, unowned
 from pinwm_drake.systems.scenario.schema import LcmLink
 
-SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST = 1, 2, 3, 4, 5  # of DRIVER_FAULTS
+SECOND_SESSION, OLDER, EXPIRED, MALFORMED, TOO_FAST, FAST_JOINT = 1, 2, 3, 4, 5, 6  # of DRIVER_FAULTS
 _SIZE = len(COMMAND_NAMES)
 _SESSIONS = 256  # that are remembered; older ones have expired long since
 _FASTER = 1.01  # times the largest speed, that rounding and a limiter may make of it
@@ -98,16 +99,29 @@ def pass_time(gate: Gate, now: float, timeout: float) -> Gate:
     return closed(gate) if silent else gate
 
 
+def watch_joints(gate: Gate, v: np.ndarray, fastest: np.ndarray) -> Gate:
+    """Return the gate after a look at the joints: one that is faster than it may be latches, as that of a robot does.
+
+    Args:
+        gate: The gate before.
+        v: (n,) rad/s, velocities of the joints.
+        fastest: (n,) rad/s, their greatest speeds.
+    """
+    too_fast = gate.mode == LIVE and not bool((np.abs(v) <= fastest).all())
+    return closed(gate, LATCHED, FAST_JOINT) if too_fast else gate
+
+
 class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable types
     """Gate before an arm's control.
 
         lcmt_drake_signal ┌─────────────┐─► pusher_velocity_W  (3) [m/s]: zero unless live
         on the channel ──►│ CommandGate │─► command_time       (1): s, of the last command; -1 before
-        of commands       └─────────────┘─► status             (4): session, sequence, mode, fault
+        of commands       │             │─► status             (4): session, sequence, mode, fault
+        joint_velocities ►└─────────────┘   the input (n) [rad/s], of the joints, is there with `fastest` alone
 
     The state, a `Gate`, is updated every `period` by all messages that have come since; there is no direct feedthrough.
     With a seal, a command that is not signed, comes again or is of another session than the open one is dropped and
-    counted; without, it latches. An exception latches as well.
+    counted; without, it latches. An exception latches as well, and a joint that is faster than `fastest`.
 
     Args:
         lcm: LCM that the messages come through; somebody has to pump it.
@@ -115,12 +129,22 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         max_speed: m/s, largest speed of a command.
         tally: Counts commands that are not used.
         seal: Seal of this end; None where messages are not signed.
+        fastest: (n,) rad/s, greatest speeds of the robot's joints; None where they are not watched.
     """
 
     def __init__(
-        self, lcm: DrakeLcmInterface, link: LcmLink, max_speed: float, tally: Tally, seal: Seal | None = None
+        self,
+        lcm: DrakeLcmInterface,
+        link: LcmLink,
+        max_speed: float,
+        tally: Tally,
+        seal: Seal | None = None,
+        fastest: np.ndarray | None = None,
     ) -> None:
         super().__init__()
+        self._fastest = np.zeros(0) if fastest is None else np.asarray(fastest, float)
+        if len(self._fastest):
+            self._joints = self.DeclareVectorInputPort("joint_velocities", len(self._fastest))
         self._link, self._max_speed, self._tally, self._signed = link, max_speed, tally, seal is not None
         self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm, tally, seal)
         self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
@@ -142,6 +166,8 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         for message in self._mailbox.take():
             gate = self._taken(gate, message, now)
         gate = pass_time(gate, now, self._link.timeout)
+        if len(self._fastest):
+            gate = watch_joints(gate, self._joints.Eval(context), self._fastest)
         state.get_mutable_abstract_state(int(self._gate)).set_value(gate)
         return EventStatus.Succeeded()
 

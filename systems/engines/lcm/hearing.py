@@ -13,6 +13,7 @@ DRIVER_FAULTS = (
     "an expired command came",
     "a command came that is not six finite numbers",
     "a command faster than allowed came",
+    "a joint of the arm was faster than it may be",
 )
 STATE_SIZE = 10  # p_WP, v_WP, session, sequence, mode, fault
 _FARTHEST = 1000.0  # m and m/s

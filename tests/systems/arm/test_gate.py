@@ -11,6 +11,7 @@ from pydrake.systems.lcm import LcmInterfaceSystem
 from pinwm_drake.systems.arm import gate as gate_module
 from pinwm_drake.systems.arm.gate import (
     EXPIRED,
+    FAST_JOINT,
     MALFORMED,
     OLDER,
     SECOND_SESSION,
@@ -19,6 +20,7 @@ from pinwm_drake.systems.arm.gate import (
     Gate,
     pass_time,
     take_command,
+    watch_joints,
 )
 from pinwm_drake.systems.engines.lcm.hearing import DRIVER_FAULTS, LATCHED, LIVE, WAITING
 from pinwm_drake.systems.engines.lcm.messages import Tally
@@ -46,6 +48,16 @@ def live():
 
 def is_latched(gate, fault):
     return (gate.mode, gate.fault, gate.session, gate.velocity) == (LATCHED, fault, 0, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("v", [[0.0, -2.01], [np.nan, 0.0]])
+def test_a_joint_that_is_too_fast_latches(live, v):
+    fastest = np.array([1.0, 2.0])
+    assert watch_joints(live, np.array([1.0, -2.0]), fastest) == live
+    assert is_latched(watch_joints(live, np.array(v), fastest), FAST_JOINT)
+    assert DRIVER_FAULTS[FAST_JOINT]
+    # It may be moved by hand while nothing is commanded.
+    assert watch_joints(Gate(), np.array(v), fastest) == Gate()
 
 
 def test_commands_of_a_session_move_it_in_their_order(live):
