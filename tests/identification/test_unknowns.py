@@ -10,7 +10,7 @@ from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.errors import ParameterError
 from pinwm_drake.geometry.patch import corner_spread
 from pinwm_drake.geometry.stored_pieces import mesh_primitives
-from pinwm_drake.identification.identify import chosen_unknowns
+from pinwm_drake.identification.identify import chosen_unknowns, object_priors
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.unknowns import DEFAULT_FREE, UNKNOWNS, Coordinates
 from pinwm_drake.models import object_model
@@ -103,6 +103,20 @@ def test_what_is_known_of_one_object_takes_the_place_of_a_prior():
     assert float(wider.precision[0, 0]) == pytest.approx(float(usual.precision[0, 0]) / 9.0)
 
 
+def test_a_centre_of_mass_that_may_be_far_off_is_searched_for_as_far():
+    usual = Coordinates(("center_x", "contact_offset"), {})
+    told = Coordinates(("center_x", "contact_offset"), {}, shared={"center_x": 5e-3, "contact_offset": 5e-3})
+    generators = [torch.Generator().manual_seed(0) for _ in range(2)]
+    near, far = (one.values(one.draw(400, generator)) for one, generator in zip((usual, told), generators, strict=True))
+    assert float(near["center_x"].abs().max()) == 0.0
+    assert float(far["center_x"].abs().max()) == pytest.approx(5e-3, rel=0.02)
+    assert float(far["contact_offset"].abs().max()) == 0.0
+    # A standard deviation of the centre costs one half.
+    z = torch.tensor([told._z_of(told.free[0], 5e-3), 0.0], dtype=torch.float64)
+    assert float(told.penalty(z)) == pytest.approx(0.5)
+    assert float(told.values(z)["center_x"]) == pytest.approx(5e-3)
+
+
 @pytest.mark.parametrize(
     ("q", "expected"), [((0.5**0.5, 0.5**0.5, 0.0, 0.0), 1.0 / 0.53), ((1.0, 0.0, 0.0, 0.0), None)]
 )
@@ -118,3 +132,16 @@ def test_corners_of_a_lying_mug_are_the_ends_of_its_line(q, expected):
     found = [held[f"support_{axis}"] for axis in "xyz"]
     assert found == pytest.approx(corner_spread(scene.mesh, np.eye(3)) if expected is None else 3 * [expected])
     assert found[0] > 1.2
+
+
+@pytest.mark.parametrize(("q", "deviation"), [((0.5**0.5, 0.5**0.5, 0.0, 0.0), 4.8e-3), ((1.0, 0.0, 0.0, 0.0), None)])
+def test_the_centre_of_mass_of_what_rolls_may_be_far_off(q, deviation):
+    # Half of the diagonal of 80 by 80 by 80 mm is 69 mm; that of one which stands has the usual prior.
+    path = object_model("mug").mesh_path
+    pose = Pose(torch.tensor(q, dtype=torch.float64), torch.zeros(3, dtype=torch.float64))
+    capture = SimpleNamespace(object=SimpleNamespace(mesh_path=path, X_WO=pose, mesh_error=0.0))
+    pusher = PusherGeometry(None, PusherShape("sphere", 0.01))
+    scene = make_scene(path, pusher, q_WO=pose.q, gravity=9.81, acts_as=mesh_primitives(path))
+    priors = object_priors(capture, scene)
+    assert priors["contact_offset"] == 1e-3
+    assert priors.get("center_x") == (None if deviation is None else pytest.approx(deviation, rel=0.02))
