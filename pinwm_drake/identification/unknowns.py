@@ -207,9 +207,13 @@ class Coordinates:
         return torch.minimum(torch.maximum(z, self.low), self.high)
 
     def draw(self, number: int, generator: torch.Generator) -> Tensor:
-        """Random starts (number, p), uniform within each unknown's spread; the first is the centre."""
+        """Random starts (number, p), uniform within each unknown's spread; the first is the centre.
+
+        Every other one has the centre of mass of a uniform solid, which most objects nearly are.
+        """
         spread = torch.tensor([unknown.spread / unknown.scale for unknown in self.free], dtype=torch.float64)
         z = (2.0 * torch.rand(number, len(self), generator=generator, dtype=torch.float64) - 1.0) * spread
+        z[::2, [unknown.name.startswith("center_") for unknown in self.free]] = 0.0
         z[0] = 0.0
         return self.clamp(z)
 
