@@ -119,12 +119,14 @@ class ArmDriver(Diagram):  # type: ignore[misc]  # pydrake has no usable types
         if arm == "panda":
             wanted = AddPandaMessages(builder, lcm, link.period, plant, self._arm, wanted)
         builder.Connect(wanted, plant.get_desired_state_input_port(self._arm))
-        fastest = self.model.plant.GetVelocityUpperLimits()
+        # Plans of an arm whose rod may swing keep the joints' speeds, so that only what it touches exceeds them.
+        fastest = self.model.plant.GetVelocityUpperLimits() if self.model.kind.swings else None
         gating = CommandGate(lcm, link, self.limits.max_speed, self.tally, seal, fastest)
         gate = builder.AddNamedSystem("command_gate", gating)
-        speeds = builder.AddNamedSystem("joint_velocities", Demultiplexer([JOINTS, JOINTS]))
-        builder.Connect(plant.get_state_output_port(self._arm), speeds.get_input_port())
-        builder.Connect(speeds.get_output_port(1), gate.GetInputPort("joint_velocities"))
+        if fastest is not None:
+            speeds = builder.AddNamedSystem("joint_velocities", Demultiplexer([JOINTS, JOINTS]))
+            builder.Connect(plant.get_state_output_port(self._arm), speeds.get_input_port())
+            builder.Connect(speeds.get_output_port(1), gate.GetInputPort("joint_velocities"))
         for name in ("pusher_velocity_W", "command_time"):
             builder.Connect(gate.GetOutputPort(name), stream.GetInputPort(name))
         both = builder.AddNamedSystem("state_and_status", Multiplexer([6, 4]))
