@@ -46,7 +46,7 @@ NOMINAL_MASS = 1.0  # kg, where none was measured
 _CLOCK = 1e-3  # s, of an offset that was found, at least: exposures are not instants
 _LINES = ("cylinder", "capsule")  # lie on a line
 # Standard deviation of the centre of mass of an object on a round side, as a share of half of its diagonal.
-_SWINGS = 0.07
+_CENTER_SHARE = 0.07
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +289,7 @@ def object_priors(capture: Capture, scene: Scene) -> dict[str, float]:
     """
     found = {"contact_offset": math.hypot(UNKNOWNS["contact_offset"].prior, capture.object.mesh_error)}
     if _lies_on_a_line(capture, scene):
-        found |= {f"center_{axis}": _SWINGS * half_diagonal(scene.mesh) for axis in "xyz"}
+        found |= {f"center_{axis}": _CENTER_SHARE * half_diagonal(scene.mesh) for axis in "xyz"}
     return found
 
 

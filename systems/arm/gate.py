@@ -100,7 +100,7 @@ def pass_time(gate: Gate, now: float, timeout: float) -> Gate:
 
 
 def watch_joints(gate: Gate, v: np.ndarray, fastest: np.ndarray) -> Gate:
-    """Return the gate after a look at the joints: one that is faster than it may be latches, as that of a robot does.
+    """Return the gate after a look at the joints; a joint that is faster than it may be latches it.
 
     Args:
         gate: The gate before.
@@ -117,7 +117,7 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         lcmt_drake_signal ┌─────────────┐─► pusher_velocity_W  (3) [m/s]: zero unless live
         on the channel ──►│ CommandGate │─► command_time       (1): s, of the last command; -1 before
         of commands       │             │─► status             (4): session, sequence, mode, fault
-        joint_velocities ►└─────────────┘   the input (n) [rad/s], of the joints, is there with `fastest` alone
+        joint_velocities ►└─────────────┘   (n) [rad/s], of the joints; this input is there with `fastest` alone
 
     The state, a `Gate`, is updated every `period` by all messages that have come since; there is no direct feedthrough.
     With a seal, a command that is not signed, comes again or is of another session than the open one is dropped and
@@ -142,9 +142,9 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         fastest: np.ndarray | None = None,
     ) -> None:
         super().__init__()
-        self._fastest = np.zeros(0) if fastest is None else np.asarray(fastest, float)
-        if len(self._fastest):
-            self._joints = self.DeclareVectorInputPort("joint_velocities", len(self._fastest))
+        self._fastest = fastest
+        if fastest is not None:
+            self._joints = self.DeclareVectorInputPort("joint_velocities", len(fastest))
         self._link, self._max_speed, self._tally, self._signed = link, max_speed, tally, seal is not None
         self._mailbox = Mailbox(link.command_channel, lcmt_drake_signal, lcm, tally, seal)
         self._gate = self.DeclareAbstractState(AbstractValue.Make(Gate()))
@@ -166,7 +166,7 @@ class CommandGate(LeafSystem):  # type: ignore[misc]  # pydrake has no usable ty
         for message in self._mailbox.take():
             gate = self._taken(gate, message, now)
         gate = pass_time(gate, now, self._link.timeout)
-        if len(self._fastest):
+        if self._fastest is not None:
             gate = watch_joints(gate, self._joints.Eval(context), self._fastest)
         state.get_mutable_abstract_state(int(self._gate)).set_value(gate)
         return EventStatus.Succeeded()

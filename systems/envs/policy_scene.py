@@ -229,6 +229,8 @@ def spec_environment(
 ) -> TaskEnv:
     """Make the environment of a scene in which a policy has the observations and actions that it is made for.
 
+    The pusher has the policy's largest acceleration. Actions are at once, unless `changes` say so.
+
     Args:
         spec: Specification of the policy.
         scene: A setup, a scenario, the name or path of one, or the folder of a twin; see `load_setup`.
@@ -251,6 +253,7 @@ def spec_environment(
         max_translation=spec.max_translation,
         image_size=camera.width,
         history=spec.history,
+        acceleration=spec.acceleration or math.inf,
     )
     if truth is None:
         environment = TaskEnv(scene, engine, options, **changes)

@@ -119,12 +119,25 @@ def test_a_policy_has_the_pusher_and_the_delay_that_it_was_trained_with(scenario
             settings = settings_of(request, runner.contestant, runner.env, "")
             found[name, given] = settings["latency"]
             assert settings["acceleration"] == 7.0
+            assert "lag" not in settings
     assert found == {
         ("often", None): 0.0,
         ("often", 0.05): 0.05,
         ("always", None): [0.09, 0.18],
         ("always", 0.05): 0.05,
     }
+
+
+def test_a_lag_that_a_policy_never_was_without_is_there_and_told(scenario, tmp_path):
+    at_once = policy_spec(action_setup(scenario), EnvOptions(frames=2, max_translation=0.02, max_steps=2), "rgb")
+    told = []
+    for name, lag in (("often", (0.0, 0.05)), ("always", (0.02, 0.05))):
+        spec = dataclasses.replace(at_once, lag=lag)
+        write_policy(tmp_path / name, Policy(spec, make_actor(spec), {}))
+        request = EvaluateRequest(str(tmp_path / name), scenario, "twin", episodes=1)
+        runner = EpisodeRunner(read_contestant(request), request)
+        told.append(settings_of(request, runner.contestant, runner.env, "").get("lag"))
+    assert told == [None, [0.02, 0.05]]
 
 
 def test_a_stand_in_is_another_scene_that_policies_do_not_know(scenario, tmp_path):

@@ -4,7 +4,6 @@
 import dataclasses
 import hashlib
 import json
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -145,6 +144,11 @@ def delays_of(contestant: Contestant, request: EvaluateRequest) -> tuple[float, 
     return _if_never(None if contestant.spec is None else contestant.spec.latency)
 
 
+def lags_of(contestant: Contestant) -> tuple[float, float]:
+    """Least and largest lag of the pusher's velocity, s: that of a policy's training where it was never 0, or 0."""
+    return _if_never(None if contestant.spec is None else contestant.spec.lag)
+
+
 def _if_never(trained: tuple[float, float] | None) -> tuple[float, float]:
     """Range that a policy was trained with, s, where 0 is not in it; else 0."""
     return trained if trained is not None and trained[0] > 0.0 else (0.0, 0.0)
@@ -180,11 +184,8 @@ def make_environment(contestant: Contestant, request: EvaluateRequest, models: P
             options = dataclasses.replace(options, max_translation=usual)
         return TaskEnv(setup if truth is None else truth(setup), request.engine, options)
     steps: dict[str, Any] = {} if request.max_steps is None else {"max_steps": request.max_steps}
-    # The pusher is the one that the policy was trained for.
-    pusher = {"acceleration": spec.acceleration or math.inf, "lag": _if_never(spec.lag)}
-    env = policy_scene.spec_environment(
-        spec, setup, request.engine, truth=truth, task=task, latency=latency, **pusher, **steps
-    )
+    late = {"latency": latency, "lag": lags_of(contestant)}
+    env = policy_scene.spec_environment(spec, setup, request.engine, truth=truth, task=task, **late, **steps)
     if station is not None:
         env.worlds.spoil = station.spoil()
     return env

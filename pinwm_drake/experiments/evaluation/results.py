@@ -3,6 +3,7 @@
 
 import csv
 import json
+import math
 import os
 import shlex
 import sys
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pinwm_drake.capture.pusher import pusher_surface
-from pinwm_drake.experiments.evaluation.contestant import Contestant, delays_of, station_of
+from pinwm_drake.experiments.evaluation.contestant import Contestant, delays_of, lags_of, station_of
 from pinwm_drake.experiments.requests.evaluate import EvaluateRequest
 from pinwm_drake.files import replacing
 from pinwm_drake.geometry.meshes import load_mesh
@@ -40,7 +41,9 @@ _COLUMNS = (
 
 def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, scene_sha256: str) -> dict[str, Any]:
     """Return settings that the results depend on, but for the seeds, as plain data."""
-    delays, spec = delays_of(contestant, request), contestant.spec
+    (least, most), lags, acceleration = delays_of(contestant, request), lags_of(contestant), env.worlds.acceleration
+    pusher: dict[str, Any] = {"lag": list(lags)} if any(lags) else {}
+    pusher |= {"acceleration": acceleration} if math.isfinite(acceleration) else {}
     return {
         "policy": contestant.kind,
         "policy_sha256": contestant.identity,
@@ -49,8 +52,8 @@ def settings_of(request: EvaluateRequest, contestant: Contestant, env: TaskEnv, 
         "engine": env.engine,
         **{f"task.{name}": value for name, value in env.task.to_document().items()},
         "start_yaw": [float(value) for value in env.setup.scenario.start.yaw],
-        "latency": least if (least := delays[0]) == delays[1] else list(delays),
-        **({"acceleration": spec.acceleration} if spec is not None and spec.acceleration is not None else {}),
+        "latency": least if least == most else [least, most],
+        **pusher,
         "max_steps": env.max_steps,
         "max_translation": env.run.max_translation,
         "observes": contestant.observes,

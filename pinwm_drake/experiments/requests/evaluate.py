@@ -69,7 +69,7 @@ class EvaluateRequest:
             group=LAB,
             unit="s",
             ge=0,
-            default="0; as in its training, for a policy that never had 0",
+            default="0; that of the policy's training, where it never was 0",
         ),
     ] = None
     max_steps: Annotated[

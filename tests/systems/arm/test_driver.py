@@ -14,7 +14,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from pinwm_drake.errors import ParameterError, StateError
 from pinwm_drake.learning.safety import default_limits
 from pinwm_drake.systems.arm.driver import ArmDriver, arm_limits
-from pinwm_drake.systems.arm.gate import TOO_FAST
+from pinwm_drake.systems.arm.gate import FAST_JOINT, TOO_FAST
 from pinwm_drake.systems.arm.messages import PANDA_COMMAND, PANDA_STATUS
 from pinwm_drake.systems.arm.model import ARMS
 from pinwm_drake.systems.control.loop import ControlLoop
@@ -241,6 +241,27 @@ def test_a_panda_keeps_the_limits_of_its_joints_whatever_is_commanded():
     assert (command.num_joint_position, command.num_joint_velocity, command.num_joint_torque) == (7, 7, 0)
     np.testing.assert_allclose(status.joint_position, joints[-1, :7], atol=0.1)
     assert np.abs(status.joint_torque).max() > 0.1
+
+
+def test_a_panda_whose_joint_is_pushed_too_fast_stops_and_latches():
+    track = Track(action_setup("flip_mug", image_size=32), "panda", np.array([-0.1, 0.0, 0.1]))
+    track.go(0.1, [0.1, 0.0, 0.0])
+    gate, context = track.driver.GetSubsystemByName("command_gate"), track.simulator.get_mutable_context()
+    assert gate.gate(context).fault == 0
+    plant, arm = track.driver._parts.plant, track.driver._arm
+    mine = plant.GetMyMutableContextFromRoot(context)
+    v = np.zeros(7)
+    v[4] = 1.05 * track.driver.model.plant.GetVelocityUpperLimits()[4]
+    plant.SetVelocities(mine, arm, v)
+    track.go(0.3, [0.1, 0.0, 0.0])
+    assert gate.gate(context).fault == FAST_JOINT
+    assert track.speed < 1e-3
+
+
+@pytest.mark.parametrize(("scene", "step"), [("push_t", 0.0025), ("flip_mug", 0.00125)])
+def test_an_arm_that_lifts_has_shorter_steps(scene, step):
+    track = Track(action_setup(scene, image_size=32))
+    assert track.driver._parts.plant.time_step() == step
 
 
 def test_a_panda_carries_a_fast_poke():
