@@ -76,7 +76,7 @@ def inspect(
         *_, frames, saved, _ = Stepper(model, num_threads=1).roll(theta, states, V_P, 1, keep=True)
     except SolverError as error:
         raise SolverError(f"world {world}: the contacts have no finite solution") from error
-    parts, lengths, hits = int(saved[14][0]), saved[9][:, 0], saved[13][:, 0]
+    parts, lengths, hits = int(saved[-1][0]), saved[9][:, 0], saved[13][:, 0]
     errors, found, u = [(0.0, 0.0, 0.0)], [], None
     for s in range(parts):
         end, at = (frames[:5], 1) if s + 1 == parts else (saved[:5], s + 1)

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 from pinwm_drake.capture.scene import PusherGeometry, PusherShape
 from pinwm_drake.physics.parameters import Parameters
@@ -30,18 +31,64 @@ def start(scene, height=0.0, speed_up=0.0):
     return State(q_WB=LEVEL[None, None], p_WB=p, V_WB=V, q_WP=LEVEL[None], p_WP=pusher)
 
 
-def test_a_rollout_that_ends_early_tells_what_one_with_gradients_does(cube):
-    steps, pushed = 400, 60
-    V_WP = torch.zeros(steps, 1, 6, dtype=torch.float64)
-    V_WP[:pushed, :, 3] = 0.2
-    parameters = Parameters.nominal(cube.model, friction_floor=0.3, friction_pusher=0.2)
-    early = Stepper(cube.model).rollout(parameters, start(cube), V_WP, record_every=8)
-    # Gradients need every step, so that this one goes on to the end.
-    V_WP = V_WP.clone().requires_grad_()
-    late = Stepper(cube.model).rollout(parameters, start(cube), V_WP, record_every=8)
-    assert float(early.p_WB[-1, 0, 0, 0]) > 0.02
+STEPS = 400
+
+
+def pushes(last=0.0):
+    """Velocities of a pusher that pushes for 60 steps, rests, and moves away in the last step of all."""
+    V_WP = torch.zeros(STEPS, 1, 6, dtype=torch.float64)
+    V_WP[:60, :, 3] = 0.2
+    V_WP[-1, :, 3] = last
+    return V_WP
+
+
+def gradients(scene, state, V_WP, every):
+    """The rollout, and the gradient of a sum over all its frames with respect to all that goes in."""
+    nominal = Parameters.nominal(scene.model, friction_floor=0.3, friction_pusher=0.2)
+    leaves = [
+        tensor.clone().requires_grad_() for tensor in (*nominal.tensors(), state.p_WB, state.V_WB, state.p_WP, V_WP)
+    ]
+    *theta, p_WB, V_WB, p_WP, V = leaves
+    state = State(q_WB=state.q_WB, p_WB=p_WB, V_WB=V_WB, q_WP=state.q_WP, p_WP=p_WP)
+    found = Stepper(scene.model).rollout(Parameters(*theta), state, V, record_every=every)
+    weights = torch.linspace(1.0, 2.0, len(found.p_WB), dtype=torch.float64)
+    total = torch.zeros((), dtype=torch.float64)
+    for k, frames in enumerate((found.q_WB, found.p_WB, found.V_WB, found.p_WP)):
+        directions = torch.cos(torch.arange(frames[0].numel(), dtype=torch.float64) + k).reshape(frames[0].shape)
+        total = total + (frames * directions).flatten(1).sum(1) @ weights
+    total.backward()
+    return found, [leaf.grad for leaf in leaves]
+
+
+def assert_alike(one, other):
+    """Alike to 1e-7 of the largest entry; below 1e-9 is rounding."""
+    np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * np.abs(other).max() + 1e-9)
+
+
+@pytest.mark.parametrize("every", [1, 8, STEPS])
+def test_steps_at_rest_tell_what_single_ones_do(cube, every):
+    # The pusher is away from the cube when it moves in the last step, so that only the rollout's early end differs.
+    early, short = gradients(cube, start(cube), pushes(), every)
+    late, long = gradients(cube, start(cube), pushes(-1e-9), every)
+    assert early.p_WB.detach()[-1, 0, 0, 0] > 0.02
     for name in ("q_WB", "p_WB", "V_WB", "q_WP", "p_WP"):
-        np.testing.assert_allclose(getattr(early, name).numpy(), getattr(late, name).detach().numpy(), atol=1e-10)
+        one, other = getattr(early, name).detach().numpy(), getattr(late, name).detach().numpy()
+        np.testing.assert_allclose(one, other, atol=1e-10)
+    for one, other in zip(short, long, strict=True):
+        assert_alike(one.numpy(), other.numpy())
+
+
+def test_the_gradient_of_what_could_roll_goes_on_at_rest(tmp_path):
+    # A ball at rest: a speed at its start moves it in all steps, so that no step's gradient is that of the one before.
+    pusher = PusherGeometry(None, PusherShape("sphere", 0.01))
+    trimesh.creation.icosphere(subdivisions=4, radius=SIDE / 2).export(tmp_path / "ball.obj")
+    ball = make_scene(tmp_path / "ball.obj", pusher, q_WO=LEVEL, gravity=9.81)
+    V_WP = torch.zeros(50, 1, 6, dtype=torch.float64)
+    _, short = gradients(ball, start(ball), V_WP, 50)
+    V_WP[-1, :, 3] = -1e-9
+    _, long = gradients(ball, start(ball), V_WP, 50)
+    for one, other in zip(short, long, strict=True):
+        assert_alike(one.numpy(), other.numpy())
 
 
 def test_what_is_thrown_up_comes_down_again(cube):

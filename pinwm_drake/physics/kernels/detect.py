@@ -4,7 +4,7 @@
 from pinwm_drake.geometry.contact.narrowphase import collide_bodies, collide_floor
 from pinwm_drake.geometry.features import POINT, contact_from_features, tangents
 from pinwm_drake.geometry.vectors import cross, norm
-from pinwm_drake.jit import kernel, large_kernel, part_of_kernel, small_kernel
+from pinwm_drake.jit import kernel, part_of_kernel, small_kernel
 from pinwm_drake.physics.kernels.cone import NO_LIMIT, OPEN
 from pinwm_drake.physics.kernels.curve import curve, floor_curve, move_halfway
 from pinwm_drake.physics.kernels.dynamics import (
@@ -149,11 +149,7 @@ def build_rows(model, friction, restitution, bodies, contacts, sweep, first, sta
         if stage != POSITION and not pressed and (contacts.closed[c] == 0 or (stage == VELOCITY and gap > TOUCHING)):
             switch_off(contacts, c)
             continue
-        contacts.limit[c] = NO_LIMIT
-        if model.num_bodies == B:
-            contacts.limit[c] = half_force(model, contacts, c) * h
-            if stage != VELOCITY:
-                contacts.limit[c] += model.impact_impulse[A]
+        _set_limit(model, bodies, contacts, c, stage)
         t = tangents(frame[0, 0], frame[0, 1], frame[0, 2])
         frame[1, 0], frame[1, 1], frame[1, 2], frame[2, 0], frame[2, 1], frame[2, 2] = t
         for i in range(3):
@@ -167,11 +163,7 @@ def build_rows(model, friction, restitution, bodies, contacts, sweep, first, sta
                 dx, dy, dz = frame[i, 0], frame[i, 1], frame[i, 2]
                 J[side, i, 0], J[side, i, 1], J[side, i, 2] = cross(rx, ry, rz, dx, dy, dz)
                 J[side, i, 3], J[side, i, 4], J[side, i, 5] = sign * dx, sign * dy, sign * dz
-        for i in range(3):
-            bias[i] = contacts.curve[c, i] = 0.0
-            if model.num_bodies == B:
-                for j in range(6):
-                    bias[i] += J[1, i, j] * bodies.V[B, j]
+        _begin_bias(model, bodies, contacts, c)
         contacts.mu[c] = friction[contacts.pair[c]]
         contacts.rebound[c] = 0.0
         if stage == VELOCITY:
@@ -185,14 +177,43 @@ def build_rows(model, friction, restitution, bodies, contacts, sweep, first, sta
             contacts.rebound[c], _ = rebound(model, contacts, c, restitution[contacts.pair[c]])
             bias[0] += min(max(gap, -SLOP), 0.0) / H - contacts.elastic[0] * contacts.rebound[c]
             continue
-        bias[0] += gap / h if gap > 0.0 else max(gap, -SLOP) / H
-        if sweep.turns[0] == 1:
-            if model.num_bodies + 1 == B and int(contacts.rows[c, 0]) == POINT:
-                x, y, z = floor_curve(contacts.rows[c], bodies.V[A], sweep.R[A], sweep.p[A], frame, lever[0])
-            else:
-                x, y, z = curve(bodies, contacts, sweep, c)
-            bias[0], bias[1], bias[2] = bias[0] + x, bias[1] + y, bias[2] + z
-            contacts.curve[c, 0], contacts.curve[c, 1], contacts.curve[c, 2] = x, y, z
+        _close_by_gap(model, bodies, contacts, sweep, c)
+
+
+@small_kernel
+def _set_limit(model, bodies, contacts, c, stage):
+    """Largest normal impulse of contact c, which the pusher's force bounds."""
+    contacts.limit[c] = NO_LIMIT
+    if model.num_bodies == contacts.body[c, 1]:
+        contacts.limit[c] = half_force(model, contacts, c) * bodies.time_step[0]
+        if stage != VELOCITY:
+            contacts.limit[c] += model.impact_impulse[contacts.body[c, 0]]
+
+
+@small_kernel
+def _begin_bias(model, bodies, contacts, c):
+    """Bias of contact c by the pusher's velocity; no curve."""
+    bias, J, B = contacts.bias[c], contacts.J[c], contacts.body[c, 1]
+    for i in range(3):
+        bias[i] = contacts.curve[c, i] = 0.0
+        if model.num_bodies == B:
+            for j in range(6):
+                bias[i] += J[1, i, j] * bodies.V[B, j]
+
+
+@small_kernel
+def _close_by_gap(model, bodies, contacts, sweep, c):
+    """Add to the bias of contact c in the position stage its gap, and what levers that turn make."""
+    gap, bias, frame = contacts.gap[c], contacts.bias[c], contacts.frame[c]
+    A, B = contacts.body[c, 0], contacts.body[c, 1]
+    bias[0] += gap / bodies.time_step[0] if gap > 0.0 else max(gap, -SLOP) / model.time_step
+    if sweep.turns[0] == 1:
+        if model.num_bodies + 1 == B and int(contacts.rows[c, 0]) == POINT:
+            x, y, z = floor_curve(contacts.rows[c], bodies.V[A], sweep.R[A], sweep.p[A], frame, contacts.lever[c, 0])
+        else:
+            x, y, z = curve(bodies, contacts, sweep, c)
+        bias[0], bias[1], bias[2] = bias[0] + x, bias[1] + y, bias[2] + z
+        contacts.curve[c, 0], contacts.curve[c, 1], contacts.curve[c, 2] = x, y, z
 
 
 @small_kernel
@@ -207,7 +228,12 @@ def switch_off(contacts, c):
     contacts.bias[c, 0], contacts.bias[c, 1], contacts.bias[c, 2] = _OPEN, 0.0, 0.0
 
 
-@large_kernel
-def rebuild_rows(model, friction, restitution, bodies, contacts, sweep, first, stage):
-    """`build_rows`, where it is not needed at every step."""
-    build_rows(model, friction, restitution, bodies, contacts, sweep, first, stage)
+@kernel
+def change_length(model, bodies, contacts, sweep):
+    """Rows of the position stage that are not left out, after its length has changed: their limits and biases."""
+    move_halfway(model, bodies, sweep, 0.5 * bodies.time_step[0])
+    for c in range(contacts.number[0]):
+        if sweep.out[c] == 0:
+            _set_limit(model, bodies, contacts, c, POSITION)
+            _begin_bias(model, bodies, contacts, c)
+            _close_by_gap(model, bodies, contacts, sweep, c)

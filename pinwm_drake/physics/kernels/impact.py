@@ -11,7 +11,7 @@ from pinwm_drake.geometry.features import contact_from_features
 from pinwm_drake.jit import kernel, large_kernel
 from pinwm_drake.physics.kernels.cone import OPEN
 from pinwm_drake.physics.kernels.curve import move_body
-from pinwm_drake.physics.kernels.detect import AWAY, BESIDE, place_pieces, rebuild_rows, switch_off
+from pinwm_drake.physics.kernels.detect import AWAY, BESIDE, change_length, place_pieces, switch_off
 from pinwm_drake.physics.kernels.dynamics import (
     POSITION,
     VELOCITY,
@@ -98,14 +98,12 @@ def _next(bodies, contacts, sweep):
 
 
 @large_kernel
-def _gap_at(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, h):
+def _gap_at(model, mass, inertia, bodies, contacts, system, solver, sweep, h):
     """Solve the position stage of length h without what is away; its smallest gap afterwards, contact, iterations."""
     bodies.time_step[0] = h
     begin_stage(model, mass, inertia, bodies, system, POSITION)
-    rebuild_rows(model, friction, restitution, bodies, contacts, sweep, solver.first, POSITION)
+    change_length(model, bodies, contacts, sweep)
     for c in range(contacts.number[0]):
-        if sweep.out[c] != 0:
-            switch_off(contacts, c)
         # What is found is near the solution of another length.
         solver.first[c] = OPEN if sweep.out[c] != 0 else solver.mode[c]
     used = solve_again(bodies, system, contacts, solver, VELOCITY)
@@ -130,7 +128,7 @@ def _share(a, b, c, at_a, at_b, at_c):
 
 
 @large_kernel
-def stop_at_touch(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep):
+def stop_at_touch(model, mass, inertia, bodies, contacts, system, solver, sweep):
     """Solve the position stage again, until what is apart touches first: that length is in bodies.time_step.
 
     The contact that touches is in solver.hit, -1 where none does in the whole step.
@@ -140,12 +138,13 @@ def stop_at_touch(model, mass, inertia, friction, restitution, bodies, contacts,
     """
     whole = bodies.time_step[0]
     for c in range(contacts.number[0]):
-        sweep.out[c] = AWAY if contacts.closed[c] == 0 else 0
+        sweep.out[c] = 0
+        if contacts.closed[c] == 0:
+            sweep.out[c] = AWAY
+            switch_off(contacts, c)
     total = 0
     for _ in range(contacts.number[0]):
-        at_high, hit, used = _gap_at(
-            model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, whole
-        )
+        at_high, hit, used = _gap_at(model, mass, inertia, bodies, contacts, system, solver, sweep, whole)
         if used < 0:
             return used
         total += used
@@ -159,9 +158,7 @@ def stop_at_touch(model, mass, inertia, friction, restitution, bodies, contacts,
             if abs(at_a) <= LANDED:
                 break
             length = a + share * (b - a)
-            landed, hit, used = _gap_at(
-                model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep, length
-            )
+            landed, hit, used = _gap_at(model, mass, inertia, bodies, contacts, system, solver, sweep, length)
             if used < 0:
                 return used
             total += used

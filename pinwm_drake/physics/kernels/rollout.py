@@ -4,6 +4,7 @@
 from pinwm_drake.jit import entry_point, kernel
 from pinwm_drake.physics.kernels.adjoint import step_adjoint
 from pinwm_drake.physics.kernels.impact import presses_apart
+from pinwm_drake.physics.kernels.repeat import go_on, is_settled, remember
 from pinwm_drake.physics.kernels.states import (
     drive,
     load,
@@ -55,15 +56,29 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, given
     load_geometry(model, bodies, parameters, w)
     load(bodies, nb, has_pusher, states, 0, w)
     total, slot = 0, 0
+    jammed, lags, presses, alone = 0, 0, 0, False
     moved = _last_motion(V_P, w) if has_pusher else -1
     resting = 0
     for t in range(V_P.shape[0]):
         resting = resting + 1 if t > moved + 1 and _at_rest(bodies, nb) else 0
-        if slots == 0 and resting == 2:
+        if resting >= 2 and alone:
             # Nothing moves any more, and a step depends on its state alone. One step at rest is not enough: what is
             # thrown up rests for a moment.
-            for frame in range(t // record_every + 1, V_P.shape[0] // record_every + 1):
+            steps = V_P.shape[0]
+            for frame in range(t // record_every + 1, steps // record_every + 1):
                 store(bodies, nb, has_pusher, states, frame, w)
+            first = t
+            while slots > 0 and first < steps:
+                if slot == slots:
+                    status[w] = -first - 1 - TOO_MANY_PARTS
+                    return
+                last = min((first // record_every + 1) * record_every, steps)
+                store(bodies, nb, has_pusher, saved_states, slot, w)
+                store_solution(bodies, contacts, solver, saved, last - 1, slot, w, model.time_step, last - first)
+                first, slot = last, slot + 1
+            early[w] += presses * (steps - t)
+            jams[w] += jammed * (steps - t)
+            lagged[w] += lags * (steps - t)
             break
         drive(bodies, nb, has_pusher, V_P, t, w)
         left, length, impact, carried = model.time_step, model.time_step, False, False
@@ -114,8 +129,9 @@ def _forward_world(w, model, parameters, V_P, record_every, frames, saved, given
             stops += 1 if impact else 0
             presses = max(presses, 1 if presses_apart(contacts, solver.first) else 0)
             if slots > 0:
-                store_solution(bodies, contacts, solver, saved, t, slot, w, left)
+                store_solution(bodies, contacts, solver, saved, t, slot, w, left, 1)
                 slot += 1
+            alone = bodies.time_step[0] == model.time_step
             left -= bodies.time_step[0]
             if left < NOTHING * model.time_step:
                 left = 0.0
@@ -166,7 +182,7 @@ def _quaternion_gradient(theta_bar, q, q_bar):
 def _backward_world(w, model, parameters, V_P, record_every, frames, saved, frame_bars, bars, work, adjoint):
     theta = (parameters[0][w], parameters[1][w], parameters[2][w], parameters[3][w])
     theta_bar = (bars[0][w], bars[1][w], bars[2][w], bars[3][w])
-    status, shares, steps, hits, slots = frames[5][0], saved[11], saved[12], saved[13], saved[14]
+    status, shares, steps, hits, repeats, slots = frames[5][0], saved[11], saved[12], saved[13], saved[14], saved[15]
     states, saved_states = frames[:5], saved[:5]
     q, q_P = frames[0], frames[3]
     q0_bar, p0_bar, V0_bar, q_P0_bar, p_P0_bar, V_P_bar = bars[7:]
@@ -182,35 +198,46 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
             if (t + 1) % record_every == 0:
                 _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, (t + 1) // record_every, w)
         after = t
-        drive(bodies, nb, has_pusher, V_P, t, w)
-        load_solution(bodies, contacts, solver, saved, s, w)
         later = s > 0 and steps[s - 1, w] == t
         end, at = (states, states[0].shape[0] - 1) if s + 1 == slots[w] else (saved_states, s + 1)
-        if not step_adjoint(
-            model,
-            theta,
-            theta_bar,
-            bodies,
-            contacts,
-            system,
-            solver,
-            sweep,
-            adjoint,
-            saved_states,
-            s,
-            end,
-            at,
-            w,
-            shares[s, w],
-            later,
-            later and hits[s - 1, w] >= 0,
-        ):
-            status[w] = -t - 1
-            return
-        if has_pusher:
-            for i in range(6):
-                V_P_bar[t, w, i] += adjoint.V[nb, i]
-                adjoint.V[nb, i] = 0.0
+        for n in range(repeats[s, w]):
+            if n > 0:
+                adjoint.left[0] = 0.0
+            drive(bodies, nb, has_pusher, V_P, t - n, w)
+            load_solution(bodies, contacts, solver, saved, s, w)
+            rest = repeats[s, w] - n - 1
+            if rest > 0:
+                remember(adjoint, theta_bar)
+            if not step_adjoint(
+                model,
+                theta,
+                theta_bar,
+                bodies,
+                contacts,
+                system,
+                solver,
+                sweep,
+                adjoint,
+                saved_states,
+                s,
+                end,
+                at,
+                w,
+                shares[s, w],
+                later,
+                later and hits[s - 1, w] >= 0,
+            ):
+                status[w] = -t - 1
+                return
+            settled = rest > 0 and is_settled(adjoint, nb, model.time_step)
+            if has_pusher:
+                for i in range(6):
+                    for step in range(t - n, t - n - (1 + rest if settled else 1), -1):
+                        V_P_bar[step, w, i] += adjoint.V[nb, i]
+                    adjoint.V[nb, i] = 0.0
+            if settled:
+                go_on(adjoint, theta_bar, rest)
+                break
     _frame_gradient(adjoint, nb, has_pusher, states, frame_bars, 0, w)
     for k in range(model.num_pairs):
         bars[6][w, k] = adjoint.offset[k]

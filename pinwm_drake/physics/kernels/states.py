@@ -65,9 +65,12 @@ def drive(bodies, nb, has_pusher, V_P, t, w):
 
 
 @kernel
-def store_solution(bodies, contacts, solver, saved, t, s, w, left):
-    """Store what slot s needs beside its state; the step has `left` seconds to go at its start."""
-    first, modes, u, elastic, lengths, spans, shares, steps, hits, used = saved[5:]
+def store_solution(bodies, contacts, solver, saved, t, s, w, left, times):
+    """Store what slot s needs beside its state; the step has `left` seconds to go at its start.
+
+    A slot stands for `times` equal steps, of which t is the last.
+    """
+    first, modes, u, elastic, lengths, spans, shares, steps, hits, repeats, used = saved[5:]
     for c in range(contacts.number[0]):
         first[s, w, c], modes[s, w, c] = solver.first[c], solver.mode[c]
     for i in range(u.shape[2]):
@@ -75,14 +78,14 @@ def store_solution(bodies, contacts, solver, saved, t, s, w, left):
     elastic[s, w] = contacts.elastic[0]
     lengths[s, w], spans[s, w] = bodies.time_step[0], bodies.time_step[1]
     shares[s, w] = bodies.time_step[0] / left if left > 0.0 else 0.0
-    steps[s, w], hits[s, w] = t, solver.hit[0]
+    steps[s, w], hits[s, w], repeats[s, w] = t, solver.hit[0], times
     used[w] = s + 1
 
 
 @kernel
 def load_solution(bodies, contacts, solver, saved, s, w):
     """Solution of slot s, without the state after it."""
-    first, modes, u, elastic, lengths, spans, _, _, hits, _ = saved[5:]
+    first, modes, u, elastic, lengths, spans, _, _, hits, _, _ = saved[5:]
     for c in range(modes.shape[2]):
         solver.first[c], solver.mode[c] = first[s, w, c], modes[s, w, c]
     for i in range(u.shape[2]):
@@ -110,7 +113,7 @@ def allocate_saved(num_slots: int, num_worlds: int, num_bodies: int, max_contact
 
     They are the states at the start of the parts; modes of contacts in both stages, velocities of the position stage,
     shares of bounces, lengths, these before times of impact [s], shares of what was left of the step, numbers of the
-    step and of the contact that ended it; and how many slots each world used.
+    step and of the contact that ended it, and of equal steps up to it; and how many slots each world used.
     """
     S, W = num_slots, num_worlds
     return (
@@ -126,6 +129,7 @@ def allocate_saved(num_slots: int, num_worlds: int, num_bodies: int, max_contact
         np.empty((S, W)),
         np.empty((S, W)),
         np.empty((S, W)),
+        np.empty((S, W), np.int64),
         np.empty((S, W), np.int64),
         np.empty((S, W), np.int64),
         np.zeros(W, np.int64),

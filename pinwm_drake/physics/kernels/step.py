@@ -190,7 +190,7 @@ def step_world(
         if used >= 0 and stage == IMPACT:
             used = bounce_passively(bodies, system, contacts, solver, used)
         if used >= 0 and stage == POSITION and may_stop and presses_apart(contacts, solver.mode):
-            used = stop_at_touch(model, mass, inertia, friction, restitution, bodies, contacts, system, solver, sweep)
+            used = stop_at_touch(model, mass, inertia, bodies, contacts, system, solver, sweep)
         if used < 0:
             return used
         total += used

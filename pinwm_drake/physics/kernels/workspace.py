@@ -127,6 +127,9 @@ class AdjointWork(NamedTuple):
     center: np.ndarray  # (nb, 3), with respect to that of BodyWork
     spread: np.ndarray  # (nb, 3)
     offset: np.ndarray  # (num_pairs,)
+    kept_state: np.ndarray  # (2, N, 6), pose and V before a step that is repeated
+    kept: np.ndarray  # (nb, 16), gradients of mass, center, spread and inertia before it
+    kept_pairs: np.ndarray  # (num_pairs, 3), of friction, restitution and offset before it
     moved: np.ndarray  # (2, 3), scratch: what a contact's geometry adds to the gradient by the places of its two bodies
 
 
@@ -154,6 +157,9 @@ def make_adjoint_work(model):
         np.zeros((nb, 3)),
         np.zeros((nb, 3)),
         np.zeros(model.num_pairs),
+        np.zeros((2, nb + 2, 6)),
+        np.zeros((nb, 16)),
+        np.zeros((model.num_pairs, 3)),
         np.zeros((2, 3)),
     )
 
