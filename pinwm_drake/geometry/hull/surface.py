@@ -9,6 +9,7 @@ import trimesh
 from scipy import ndimage
 
 from pinwm_drake.geometry.hull.repair import as_mesh, simplified
+from pinwm_drake.geometry.hull.sides import cleared
 from pinwm_drake.geometry.hull.top import flattened
 from pinwm_drake.geometry.hull.visual import Grid, hull_depths, sampled, signed_distance
 
@@ -31,7 +32,8 @@ def hull_meshes(
 ) -> list[trimesh.Trimesh]:
     """Closed meshes [m, world] of the pieces that masks leave, cut off at the table, the largest first.
 
-    The hull fills cups, and its top is as flat as the outlines allow. Depths carve what it fills.
+    The hull fills cups; its top is as flat, and hollows of its plan are as clear, as the outlines allow. Depths carve
+    what it fills.
 
     Args:
         masks: (H, W) bool each.
@@ -52,6 +54,7 @@ def hull_meshes(
     field = hull_depths(distances, projections, places, _ALONE * voxel)
     if depths is None:
         field = flattened(field.reshape(grid.shape), grid, distances, projections)
+        field = cleared(field, grid, floor, distances, projections)
     else:
         # Outlines waver, and the least of many is too small: where depths tell, they do.
         field = np.minimum(field + _MARGIN * voxel, _fused(depths, projections, places, _BAND * voxel))
