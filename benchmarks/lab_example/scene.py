@@ -187,7 +187,8 @@ class ExampleLab:
         fixed = self._fixed_eye
         lab, joints = self._lab(fixed), _GUESS
         size = self.fixed.width, self.fixed.height
-        film = cv2.VideoWriter(str(folder / "film.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), FRAME_RATE, size)  # type: ignore[attr-defined]
+        partial = self.truth / f"film_{number:04}.mp4"  # a run that is killed leaves no half of a film in the lab
+        film = cv2.VideoWriter(str(partial), cv2.VideoWriter_fourcc(*"mp4v"), FRAME_RATE, size)  # type: ignore[attr-defined]
         if not film.isOpened():
             raise RuntimeError("OpenCV writes no MPEG-4 here")
         chosen = range(0, len(log_t), LOG_RATE // FRAME_RATE)
@@ -196,6 +197,7 @@ class ExampleLab:
             name = self.truth / f"film_{number:04}/{k * FRAME_RATE // LOG_RATE:05}.png"
             film.write(self._shot(lab, fixed, name, rollout.X_WO[k], self._X_TC, rng, 0.006, joints)[..., ::-1])
         film.release()
+        partial.replace(folder / "film.mp4")
         poses = np.array([rollout.X_WO[k].GetAsMatrix4() for k in chosen])
         np.savez(self.truth / f"push_{number:04}.npz", t=log_t[::10], X_TO=poses, offset=offset + 10.0)
 

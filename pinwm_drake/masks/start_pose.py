@@ -19,6 +19,7 @@ _LIKELY, _SAME_FACE = 0.02, np.radians(20)  # share of drops on a face, and angl
 _STEPS, _STILL = 15, (1e-5, 1e-4)  # of Gauss and Newton; m, rad: a step that ends them
 _SOFT = 1.5  # px, beyond which residuals count less
 _CORRELATED = 6.0  # px along an outline that err alike
+_LIFT, _LEAN = 1e-3, np.radians(0.1)  # m, rad: standard deviations of what stands on a table from where it stands
 _RIVAL, _APART, _ALIKE = 1.3, (5e-3, np.radians(5)), 1e-3  # misfit of a rival; how far it is; m, surfaces that are one
 _SAMPLED = 0.5  # mean distance of random points from the nearest of as many others, of their spacing
 _FEWEST = 20  # px of a mask
@@ -117,9 +118,10 @@ def find_start_pose(
     rivals = [X for k, X in enumerate(close) if k != first and shades[k] * _SURE <= shades[first]]
     level = best = refine(outlines, mesh, close[first])[0]
     if len(outlines.shots) > 1:
-        best, _ = refine(outlines, mesh, best, tilt=True)
+        best, _ = refine(outlines, mesh, best, tilt=True, level=level)
         best = best if misfit(outlines, mesh, best) < misfit(outlines, mesh, level) else level
-    _, covariance = refine(outlines, mesh, best, tilt=len(outlines.shots) > 1, steps=1)
+    several = len(outlines.shots) > 1
+    _, covariance = refine(outlines, mesh, best, tilt=several, level=level if several else None, steps=1)
     place_sd, turn_sd = deviations(covariance)
     return StartPose(best, misfit(outlines, mesh, best), place_sd, turn_sd, rivals)
 
@@ -171,7 +173,13 @@ def _differing(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> l
 
 
 def refine(
-    outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray, *, tilt: bool = False, steps: int = _STEPS
+    outlines: Outlines,
+    mesh: trimesh.Trimesh,
+    X_WO: np.ndarray,
+    *,
+    tilt: bool = False,
+    level: np.ndarray | None = None,
+    steps: int = _STEPS,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose for which a mesh's outlines lie on those of the masks, and the covariance of place and turn.
 
@@ -180,6 +188,7 @@ def refine(
         mesh: m, frame O.
         X_WO: (4, 4) m, to begin with.
         tilt: Flag: all six degrees of freedom are free, and not x, y and yaw alone.
+        level: Pose (4, 4) on the table, from which height and tilt hardly differ; or None.
         steps: Number of steps at the most.
 
     Returns:
@@ -193,11 +202,15 @@ def refine(
         if len(r) <= len(free):
             break
         w = 1 / np.sqrt(1 + (r / _SOFT) ** 2)
-        A = J.T @ (w[:, None] * J)
+        A, slope = J.T @ (w[:, None] * J), J.T @ (w * r)
+        variance = _CORRELATED * float(np.mean(np.minimum(r**2, _SOFT**2)))
+        if level is not None:
+            precision = variance * np.array([0.0, 0.0, _LIFT**-2, _LEAN**-2, _LEAN**-2, 0.0])[free]
+            A, slope = A + np.diag(precision), slope + precision * _apart(X_WO, level, middle)[free]
         A += damping * np.diag(np.diag(A)) + 1e-9 * np.eye(len(free))
-        covariance = np.linalg.inv(A) * _CORRELATED * float(np.mean(np.minimum(r**2, _SOFT**2)))
+        covariance = np.linalg.inv(A) * variance
         d = np.zeros(6)
-        d[free] = -np.linalg.solve(A, J.T @ (w * r))
+        d[free] = -np.linalg.solve(A, slope)
         X_WO = moved(X_WO, d, middle)
         if np.abs(d[:3]).max() < _STILL[0] and np.abs(d[3:]).max() < _STILL[1]:
             break
@@ -210,6 +223,12 @@ def moved(X_WO: np.ndarray, d: np.ndarray, middle: np.ndarray) -> np.ndarray:
     Y[:3, :3] = Rotation.from_rotvec(d[3:]).as_matrix() @ X_WO[:3, :3]
     Y[:3, 3] = at + d[:3] - Y[:3, :3] @ middle
     return Y
+
+
+def _apart(X_WO: np.ndarray, other: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Move (6,) that makes one pose (4, 4) of another; as `moved` has it."""
+    turn = Rotation.from_matrix(X_WO[:3, :3] @ other[:3, :3].T).as_rotvec()
+    return np.concatenate([(X_WO - other)[:3, :3] @ middle + (X_WO - other)[:3, 3], turn])
 
 
 def _row(
