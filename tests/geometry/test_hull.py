@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: MIT
+import manifold3d
 import numpy as np
 import pytest
 import trimesh
@@ -6,7 +7,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from pinwm_drake.errors import InputError
-from pinwm_drake.geometry.hull.repair import MOST_TRIANGLES, guess_unit, read_repaired
+from pinwm_drake.geometry.hull.repair import MOST_TRIANGLES, as_manifold, guess_unit, read_repaired
 from pinwm_drake.geometry.hull.surface import hull_meshes
 from pinwm_drake.geometry.hull.visual import Grid, carve
 from pinwm_drake.geometry.meshes import load_mesh
@@ -126,6 +127,47 @@ def test_a_knob_on_a_flat_top_stays():
         trimesh.boolean.union([trimesh.creation.box((0.06, 0.06, 0.045)), knob], engine="manifold"), VIEWS
     )
     assert abs(found.bounds[1, 2] - true.bounds[1, 2]) < 3e-3
+
+
+def boxes(*bounds):
+    """Union of boxes by their corners (2, 3) each, m."""
+    made = trimesh.boolean.union([trimesh.creation.box(bounds=one) for one in bounds], engine="manifold")
+    made.apply_translation(-made.bounds.mean(axis=0))
+    return made
+
+
+def held(mesh, points):
+    """Shares (n,) of cubes of 1 mm about points that lie in a mesh."""
+    cubes = [manifold3d.Manifold.cube([1e-3] * 3, True).translate(point.tolist()) for point in points]
+    return np.array([1e9 * (as_manifold(mesh) ^ cube).volume() for cube in cubes])
+
+
+def test_hollows_of_the_plan_are_clear_half_way_up():
+    """Inner corners of a T: masks alone fill them half-way up, where a ray meets the table or the other wall."""
+    t_block = boxes(
+        [[-0.05, 0.01, 0.0], [0.05, 0.05, 0.05]],
+        [[-0.02, -0.09, 0.0], [0.02, 0.02, 0.05]],
+    )
+    true, found = on_the_table(t_block, HIGH + cameras(8, 15.0))
+    assert abs(found.volume / true.volume - 1) < 0.03  # 5 % with the corners
+    turn = trimesh.transformations.rotation_matrix(0.6, [0, 0, 1])
+    beside = np.array([[0.026, 0.024, 0.0], [-0.026, 0.024, 0.0]])  # 6 mm from both walls
+    beside = trimesh.transform_points(beside, turn) + np.array([0.01, -0.005, 0.025])
+    assert held(true, beside).max() == 0.0
+    assert held(found, beside).max() == 0.0
+
+
+def test_a_bar_between_two_posts_stays():
+    """It stands over nothing, and nothing is over it, as in a hollow that is filled: but the masks show it."""
+    bench = boxes(
+        [[-0.05, -0.02, 0.0], [-0.03, 0.02, 0.05]],
+        [[0.03, -0.02, 0.0], [0.05, 0.02, 0.05]],
+        [[-0.04, -0.01, 0.018], [0.04, 0.01, 0.034]],
+    )
+    true, found = on_the_table(bench, VIEWS)
+    along = np.linspace(-0.02, 0.02, 9)[:, None] * [np.cos(0.6), np.sin(0.6), 0.0] + [0.01, -0.005, 0.026]
+    assert held(true, along).min() > 0.99
+    assert held(found, along).min() > 0.99
 
 
 def test_depths_carve_what_a_hull_fills():

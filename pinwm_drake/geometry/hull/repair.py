@@ -140,8 +140,8 @@ def as_manifold(mesh: trimesh.Trimesh) -> manifold3d.Manifold | None:
     there, back = a * len(mesh.vertices) + b, b * len(mesh.vertices) + a
     if not np.array_equal(np.sort(there), np.sort(back)):  # manifold3d 3.5 ends the process for an odd number of edges
         return None
-    vertices = np.ascontiguousarray(mesh.vertices, np.float64)
-    made = manifold3d.Manifold(manifold3d.Mesh64(vertices, np.ascontiguousarray(mesh.faces, np.uint64)))
+    # Copies: manifold3d takes no arrays that cannot be written to.
+    made = manifold3d.Manifold(manifold3d.Mesh64(np.array(mesh.vertices, float), np.array(mesh.faces, np.uint64)))
     return made if made.status() == manifold3d.Error.NoError and made.num_tri() > 0 else None
 
 
