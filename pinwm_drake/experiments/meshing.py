@@ -19,7 +19,7 @@ from pinwm_drake.experiments.masking import read_shots
 from pinwm_drake.experiments.start import POOR
 from pinwm_drake.files import prepare_folder, replacing
 from pinwm_drake.geometry.hull.repair import read_repaired
-from pinwm_drake.geometry.hull.surface import hull_meshes
+from pinwm_drake.geometry.hull.surface import UPRIGHT, hull_meshes
 from pinwm_drake.geometry.hull.visual import Grid, carve
 from pinwm_drake.geometry.meshes import load_mesh
 from pinwm_drake.masks.shots import Shot, aimed_at
@@ -98,6 +98,8 @@ def make_mesh(folder: Path, *, source: Path | None = None, out: Path | None = No
         doubts += [_left_out(piece, mesh) for piece in pieces[1:]]
         middle = mesh.bounds.mean(axis=0) * [1, 1, 0] + [0, 0, capture.floor_height]
         mesh.apply_translation(-middle)
+        if mesh.metadata.get(UPRIGHT):
+            done.append("its sides stand upright: it is a prism with one outline of all heights and a level top")
         if kind == "hull":
             doubts.append(
                 "this is the hull of the masks: cups are filled, the top is as flat as the outlines allow, and sides "

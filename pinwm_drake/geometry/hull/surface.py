@@ -8,11 +8,13 @@ import numpy as np
 import trimesh
 from scipy import ndimage
 
+from pinwm_drake.geometry.hull.prism import upright
 from pinwm_drake.geometry.hull.repair import as_mesh, simplified
 from pinwm_drake.geometry.hull.sides import cleared
 from pinwm_drake.geometry.hull.top import flattened
 from pinwm_drake.geometry.hull.visual import Grid, hull_depths, sampled, signed_distance
 
+UPRIGHT = "upright"  # key of `metadata` of a mesh that was taken for a prism
 _VOXELS = 70  # along the largest extent of the object
 _ALONE = 1.0  # voxels that one mask alone takes off
 _ROOM = 2  # voxels of the coarse hull around its points
@@ -33,7 +35,7 @@ def hull_meshes(
     """Closed meshes [m, world] of the pieces that masks leave, cut off at the table, the largest first.
 
     The hull fills cups; its top is as flat, and hollows of its plan are as clear, as the outlines allow. Depths carve
-    what it fills.
+    what it fills. A hull with upright sides and a level top is one prism, and its metadata say so.
 
     Args:
         masks: (H, W) bool each.
@@ -52,18 +54,24 @@ def hull_meshes(
     places = grid.points()
     distances = [signed_distance(mask) for mask in masks]
     field = hull_depths(distances, projections, places, _ALONE * voxel)
+    made = None
     if depths is None:
         field = flattened(field.reshape(grid.shape), grid, distances, projections)
         field = cleared(field, grid, floor, distances, projections)
+        made = upright(field, grid, floor, projections)
     else:
         # Outlines waver, and the least of many is too small: where depths tell, they do.
         field = np.minimum(field + _MARGIN * voxel, _fused(depths, projections, places, _BAND * voxel))
-    values = field.reshape(grid.shape)
-    values = ndimage.gaussian_filter(values, _SMOOTH) if depths is not None else values
-    made = _surface(values, grid)
-    made = made.trim_by_plane([0.0, 0.0, 1.0], floor)
+    is_prism = made is not None
+    if made is None:
+        values = field.reshape(grid.shape)
+        values = ndimage.gaussian_filter(values, _SMOOTH) if depths is not None else values
+        made = _surface(values, grid).trim_by_plane([0.0, 0.0, 1.0], floor)
     pieces = sorted(made.decompose(), key=lambda piece: -piece.volume())
-    return [as_mesh(simplified(piece)) for piece in pieces if piece.volume() > _CRUMB * pieces[0].volume()]
+    meshes = [as_mesh(simplified(piece)) for piece in pieces if piece.volume() > _CRUMB * pieces[0].volume()]
+    for mesh in meshes if is_prism else ():
+        mesh.metadata[UPRIGHT] = True
+    return meshes
 
 
 def _surface(values: np.ndarray, grid: Grid) -> manifold3d.Manifold:

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: MIT
+"""Hulls whose sides stand upright under a flat top: one outline of all heights, with straight sides and sharp corners.
+
+Outlines of masks waver by a pixel, which turns the normals of a hull's sides by some 7 degrees: as much as a friction
+of 0.12. What the heights have in common wavers less, and lines are fitted to what is straight in it.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import cv2
+import manifold3d
+import numpy as np
+from scipy import ndimage
+
+from pinwm_drake.geometry.hull.visual import Grid
+
+_ALIKE, _ENDS_ALIKE = 0.95, 0.8  # least overlap of a height's section with the common outline; near foot and top
+_NEAR = 0.15  # of the height, where outlines that waver round off the edges of foot and top
+_LEVELS = 4  # fewest heights
+_TIGHT = 30  # percentile of the heights' sections, for the outline: hulls bulge half-way up between photos
+_BAND = 3.0  # voxels around an outline that count
+_PIXELS = 4.0  # by which outlines may waver; that or a voxel is the unit of what follows
+_FLAT = 1.5  # units, in which eight of ten heights of a top lie
+_ROUND = 0.35, 1.2  # units, rms and largest distance of a circle's outline
+_SIDES = 64  # of a circle
+_STRAIGHT, _LONG = 0.7, 6.0  # units: how far a straight side wavers, and how long it is
+_ENDS = 0.15  # of a side at each end, which the corner rounds off
+_BEYOND = 3.0  # units of a corner from where the outline turns
+_CURVED = 1.5, 0.1  # units: smoothing of what is no straight side, and its polygon's distance
+
+
+def upright(
+    values: np.ndarray, grid: Grid, floor: float, projections: Sequence[np.ndarray]
+) -> manifold3d.Manifold | None:
+    """Prism that a hull is; None for a hull with other sides, or with a top that is not flat and level.
+
+    Args:
+        values: (grid.shape) m, distances from the surface of the hull, positive inside.
+        grid: Its points.
+        floor: Height of the table, m, world.
+        projections: (3, 4) each, of the photos of the masks.
+    """
+    voxel = grid.voxel
+    unit = max(voxel, _PIXELS * float(np.median([_pixel(P, grid) for P in projections])))
+    areas = (values > 0.0).sum(axis=(0, 1))
+    foot = int(np.ceil((floor - grid.low[2]) / voxel + 1.0))
+    filled = areas[foot:][areas[foot:] > 0]
+    if not len(filled):
+        return None
+    head = int(np.flatnonzero(areas > 0.5 * np.median(filled))[-1])
+    if head - foot < _LEVELS:
+        return None
+    sections = values[:, :, foot:head]
+    tight, common = np.percentile(np.clip(sections, -_BAND * voxel, _BAND * voxel), [_TIGHT, 50], axis=2)
+    inside = common > 0.0
+    stack = np.moveaxis(sections > 0.0, 2, 0)
+    overlaps = (stack & inside).sum(axis=(1, 2)) / np.maximum((stack | inside).sum(axis=(1, 2)), 1)
+    ends = int(np.ceil(_NEAR * len(overlaps)))
+    if overlaps.min() < _ENDS_ALIKE or overlaps[ends:-ends].min() < _ALIKE:
+        return None
+    deep = common > 0.99 * min(_BAND * voxel, common.max())
+    heights = np.array([_height(column) for column in values[deep][:, foot:]]) * voxel + grid.low[2] + foot * voxel
+    if np.ptp(np.percentile(heights, [10, 90])) > _FLAT * unit:
+        return None
+    outlines = [_straightened(points, unit) for points in _contours(tight, grid)]
+    made = manifold3d.CrossSection([o for o in outlines if len(o) > 2], manifold3d.FillRule.EvenOdd)
+    top = float(np.median(heights))
+    return manifold3d.Manifold.extrude(made, top - floor).translate([0.0, 0.0, floor])
+
+
+def _pixel(P: np.ndarray, grid: Grid) -> float:
+    """Size of a pixel at the middle of a grid, m."""
+    middle = grid.low + 0.5 * grid.voxel * (np.array(grid.shape) - 1)
+    focal = float(np.sqrt(abs(np.linalg.det(P[:, :3]))))  # px: P = K [R | t], and the last row of K is (0, 0, 1)
+    return float(P[2, :3] @ middle + P[2, 3]) / focal
+
+
+def _height(column: np.ndarray) -> float:
+    """Index, with its share, at which a column (n,) ends to be inside."""
+    k = int(np.flatnonzero(column > 0.0)[-1]) if (column > 0.0).any() else 0
+    if k + 1 == len(column):
+        return float(k)
+    return k + float(column[k] / (column[k] - column[k + 1]))
+
+
+def _contours(common: np.ndarray, grid: Grid) -> list[np.ndarray]:
+    """Closed lines (n, 2) [m] on which a field (nx, ny) is 0."""
+    finer = 8
+    fine = ndimage.zoom(common.astype(np.float64), finer, order=1, grid_mode=False)
+    scale = (np.array(fine.shape) - 1) / (np.array(common.shape) - 1)
+    lines, _ = cv2.findContours((fine > 0.0).astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    return [grid.low[:2] + grid.voxel * line[:, 0, ::-1] / scale for line in lines if len(line) > 4 * finer]
+
+
+def _straightened(points: np.ndarray, unit: float) -> np.ndarray:
+    """Polygon (m, 2) of a closed line (n, 2): a circle, or lines where it is straight and a smooth one elsewhere."""
+    center, radius, off = _circle(points)
+    if np.sqrt((off**2).mean()) < _ROUND[0] * unit and np.abs(off).max() < _ROUND[1] * unit:
+        angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
+        return np.asarray(center + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    turns = _turns(points, _STRAIGHT * unit)
+    smooth = ndimage.gaussian_filter1d(points, _CURVED[0] * unit / _spacing(points), axis=0, mode="wrap")
+    runs = [np.arange(a, b + 1) % len(points) for a, b in pairwise([*turns, turns[0] + len(points)])]
+    long = [float(np.linalg.norm(points[run[-1]] - points[run[0]])) > _LONG * unit for run in runs]
+    lines = [_line(points[run]) if is_long else None for run, is_long in zip(runs, long, strict=True)]
+    made: list[np.ndarray] = []
+    for k, run in enumerate(runs):
+        before, line, at = lines[k - 1], lines[k], points[run[0]]
+        if before is not None and line is not None:
+            made += _corner(before, line, at, _BEYOND * unit)
+        elif before is not None or line is not None:
+            known = before if before is not None else line
+            assert known is not None
+            made.append(known[0] + known[1] * float((at - known[0]) @ known[1]))
+        if line is None:
+            inner = smooth[run[1:-1]] if len(run) > 2 else np.empty((0, 2))
+            made += list(inner[_few(inner, _CURVED[1] * unit)])
+    return np.array(made)
+
+
+def _spacing(points: np.ndarray) -> float:
+    return float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean())
+
+
+def _circle(points: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Centre, radius and distances (n,) from it of the circle of least squares."""
+    middle = points.mean(axis=0)
+    p = points - middle
+    x, y, c = np.linalg.lstsq(np.column_stack([2 * p, np.ones(len(p))]), (p**2).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
+    return middle + np.array([x, y]), radius, np.linalg.norm(p - [x, y], axis=1) - radius
+
+
+def _turns(points: np.ndarray, most: float) -> list[int]:
+    """Numbers of the points, in their order, between which a closed line keeps to straight lines."""
+    kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=True)[:, 0] + points[0]
+    found = {int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept}
+    return sorted(found)
+
+
+def _few(points: np.ndarray, most: float) -> np.ndarray:
+    """Numbers of the points that an open line needs."""
+    if len(points) < 3:
+        return np.arange(len(points))
+    kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=False)[:, 0] + points[0]
+    return np.array(sorted({int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept}))
+
+
+def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Point (2,) and direction (2,) of the line of least squares through what is between two corners."""
+    cut = int(_ENDS * len(points))
+    inner = points[cut : len(points) - cut]
+    middle = inner.mean(axis=0)
+    along = np.linalg.svd(inner - middle, full_matrices=False)[2][0]
+    return middle, along if along @ (points[-1] - points[0]) > 0 else -along
+
+
+def _corner(
+    before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray], at: np.ndarray, most: float
+) -> list[np.ndarray]:
+    """Where two lines meet; their points nearest to `at` where that is farther away than `most`."""
+    across = before[1][0] * after[1][1] - before[1][1] * after[1][0]
+    if abs(across) > 0.1:
+        d = after[0] - before[0]
+        meet = before[0] + before[1] * float((d[0] * after[1][1] - d[1] * after[1][0]) / across)
+        if np.linalg.norm(meet - at) < most:
+            return [meet]
+    return [line[0] + line[1] * float((at - line[0]) @ line[1]) for line in (before, after)]
