@@ -54,6 +54,8 @@ _MUCH = 0.5  # of the most information: what a push tells that is chosen for one
 _KNOWN = CousinDomains.delta  # relative half-width of an interval up to which cousins cover it
 _Read = TypeVar("_Read")
 _ATTEMPTS = 20  # for each candidate that is to stay in the box and to be seen
+_ASIDE = (3.5e-4, 3.5e-4, math.radians(0.5))  # m, m, rad: by which a start is moved aside
+_ASIDES, _STEADY = 8, 3.0  # draws for that; by how much the end may be farther aside than the start
 _TOWARDS = 0.5  # cosine, of the angle between a push and the way to the camera, from which the object hides the pusher
 
 
@@ -68,6 +70,7 @@ class Candidate:
         remaining: Share of the standard deviation of each parameter's logarithm that is expected to remain, by name;
             with "frame", of the robot's frame where draws do not tell it apart from the centre of mass.
         X_WO: Poses of the object by the draws at the end: q (W, 4), p (W, 3) [m].
+        amplification: By how much farther aside the object ends than it starts, median over some draws.
     """
 
     motion: StraightPush
@@ -76,6 +79,7 @@ class Candidate:
     yaw: float
     remaining: dict[str, float]
     X_WO: Pose
+    amplification: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +143,10 @@ def next_push(
         report: Called with the share of the pushes that are done.
 
     Returns:
-        The pushes, those first that would tell most. Before them comes one of much information: where frame and centre
-        of mass are not told apart, the push that does so best; of pokes, the one that tells most about the friction
-        that decides (`deciding_friction`).
+        The pushes, those first that would tell most. Level pushes that make a start aside more than three times as
+        large come after the others: nobody predicts how they end. Before them comes one of much information: where
+        frame and centre of mass are not told apart, the push that does so best; of pokes, the one that tells most
+        about the friction that decides (`deciding_friction`).
 
     Raises:
         ParameterError: The twin has no draws, a number is out of range, or no push stays in the box and in sight.
@@ -181,7 +186,7 @@ def next_push(
         report((k + 1) / number)
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
-    candidates.sort(key=lambda one: -one.information)
+    candidates.sort(key=lambda one: (motion == "push" and one.amplification > _STEADY, -one.information))
     unknown = "frame" if confused is not None else deciding_friction(twin) if motion == "poke" else None
     if unknown is not None and unknown not in candidates[0].remaining:
         unknown = None  # all draws have the same value
@@ -340,4 +345,31 @@ def _look(
         yaw=float(last[2]),
         remaining=remaining,
         X_WO=Pose(found.q[-1], found.p[-1]),
+        amplification=1.0 if own is not None else _amplification(scene, parameters, frames, X_WO, trajectory, radius),
     )
+
+
+def _amplification(
+    scene: Scene,
+    parameters: Parameters,
+    frames: tuple[torch.Tensor, torch.Tensor],
+    X_WO: Pose,
+    trajectory: PusherTrajectory,
+    radius: float,
+) -> float:
+    """By how much farther aside an object of a radius [m] ends than it starts, median over the first draws.
+
+    The pusher's motion is moved aside in place of the object, to both sides.
+    """
+    number = min(_ASIDES, parameters.num_worlds)
+    rows = torch.arange(number).repeat(3)
+    aside = torch.tensor(_ASIDE, dtype=torch.float64)
+    moves = torch.cat([torch.zeros_like(aside), aside, -aside]).reshape(3, 1, 3).expand(3, number, 3).reshape(-1, 3)
+    few = Parameters(*(tensor[rows] for tensor in parameters.tensors()))
+    ends = np.array([0.0, trajectory.t[-1]])
+    found = rollout_worlds(scene, few, X_WO, trajectory, ends, (frames[0][rows] + moves, frames[1]))
+    q, p = found.q[-1], found.p[-1]
+    d = deviation(Pose(q, p), Pose(q[:number].repeat(3, 1), p[:number].repeat(3, 1)))
+    start = math.hypot(_ASIDE[0], _ASIDE[1], radius * _ASIDE[2])
+    far = torch.hypot(d[number:, 3:5].norm(dim=1), radius * d[number:, 2]) / start
+    return float(far.reshape(2, number).amax(0).median())

@@ -49,6 +49,18 @@ def test_the_push_that_tells_most_comes_first(proposal):
     assert np.corrcoef(speeds, informations)[0, 1] > 0.3
 
 
+def test_pushes_that_amplify_a_start_aside_come_after_the_others(twin):
+    seen = next_push(unsure(twin, 0.5), number=48, draws=4).candidates
+    amplified = [one.amplification > 3.0 for one in seen]
+    assert any(amplified)
+    assert amplified == sorted(amplified)
+    for some in (False, True):
+        informations = [one.information for one, is_so in zip(seen, amplified, strict=True) if is_so == some]
+        assert informations == sorted(informations, reverse=True)
+    # A push through the middle takes the object along as far aside as it starts.
+    assert min(one.amplification for one in seen) < 1.5
+
+
 def test_no_push_goes_towards_the_camera(twin, proposal):
     eye = np.array([0.6, 0.0, 0.4])
     seen = next_push(unsure(twin, 0.5), number=NUMBER, draws=2, eye=eye)
