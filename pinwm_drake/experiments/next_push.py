@@ -41,7 +41,7 @@ from pinwm_drake.systems.pusher.choice import choose_poke, choose_push
 from pinwm_drake.systems.pusher.motion import StraightPush
 from pinwm_drake.tasks.registry import recipe_of, task_names
 from pinwm_drake.twin.drift import typical_drift
-from pinwm_drake.twin.frame import Confusion, confusion, drawn_frames, pivot_of
+from pinwm_drake.twin.frame import Confusion, confusion, drawn_frames, moved_pose, pivot_of
 from pinwm_drake.twin.origin import Origin
 from pinwm_drake.twin.rollout import drawn_parameters, rollout_kicks, rollout_worlds, twin_parameters, twin_scene
 from pinwm_drake.twin.twin import THETA, Twin
@@ -54,7 +54,7 @@ _MUCH = 0.5  # of the most information: what a push tells that is chosen for one
 _KNOWN = CousinDomains.delta  # relative half-width of an interval up to which cousins cover it
 _Read = TypeVar("_Read")
 _ATTEMPTS = 20  # for each candidate that is to stay in the box and to be seen
-_ASIDE = (3.5e-4, 3.5e-4, math.radians(0.5))  # m, m, rad: by which a start is moved aside
+_ASIDE = (5e-4, math.radians(0.5))  # m, rad: by which a start is moved aside
 _ASIDES, _STEADY = 8, 3.0  # draws for that; by how much the end may be farther aside than the start
 _TOWARDS = 0.5  # cosine, of the angle between a push and the way to the camera, from which the object hides the pusher
 
@@ -186,12 +186,14 @@ def next_push(
         report((k + 1) / number)
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
-    candidates.sort(key=lambda one: (motion == "push" and one.amplification > _STEADY, -one.information))
+    candidates.sort(key=lambda one: (one.amplification > _STEADY, -one.information))
     unknown = "frame" if confused is not None else deciding_friction(twin) if motion == "poke" else None
     if unknown is not None and unknown not in candidates[0].remaining:
         unknown = None  # all draws have the same value
     if unknown is not None:
-        enough = [one for one in candidates if one.information >= _MUCH * candidates[0].information]
+        first = candidates[0]
+        alike = [one for one in candidates if (one.amplification > _STEADY) == (first.amplification > _STEADY)]
+        enough = [one for one in alike if one.information >= _MUCH * first.information]
         best = min(enough, key=lambda one: one.remaining[unknown])
         candidates.sort(key=lambda one: one is not best)
     return Proposal(candidates, X_WO, tolerance, confused, None if confused is not None else unknown)
@@ -345,31 +347,29 @@ def _look(
         yaw=float(last[2]),
         remaining=remaining,
         X_WO=Pose(found.q[-1], found.p[-1]),
-        amplification=1.0 if own is not None else _amplification(scene, parameters, frames, X_WO, trajectory, radius),
+        amplification=1.0 if own is not None else _amplification(scene, parameters, X_WO, motion, t, radius),
     )
 
 
 def _amplification(
-    scene: Scene,
-    parameters: Parameters,
-    frames: tuple[torch.Tensor, torch.Tensor],
-    X_WO: Pose,
-    trajectory: PusherTrajectory,
-    radius: float,
+    scene: Scene, parameters: Parameters, X_WO: Pose, motion: StraightPush, t: np.ndarray, radius: float
 ) -> float:
     """By how much farther aside an object of a radius [m] ends than it starts, median over the first draws.
 
-    The pusher's motion is moved aside in place of the object, to both sides.
+    The pusher's motion is moved in place of the object: across its direction, and about the object, to both sides.
     """
     number = min(_ASIDES, parameters.num_worlds)
-    rows = torch.arange(number).repeat(3)
-    aside = torch.tensor(_ASIDE, dtype=torch.float64)
-    moves = torch.cat([torch.zeros_like(aside), aside, -aside]).reshape(3, 1, 3).expand(3, number, 3).reshape(-1, 3)
+    x, y = (float(value) for value in motion.direction_W[:2] / np.linalg.norm(motion.direction_W[:2]))
+    place, turn = _ASIDE
+    moves = torch.tensor([[-place * y, place * x, 0.0], [0.0, 0.0, turn]], dtype=torch.float64)
+    moves = torch.cat([torch.zeros(1, 3, dtype=torch.float64), moves, -moves])
+    frames, rows = moves.repeat_interleave(number, 0), torch.arange(number).repeat(len(moves))
     few = Parameters(*(tensor[rows] for tensor in parameters.tensors()))
-    ends = np.array([0.0, trajectory.t[-1]])
-    found = rollout_worlds(scene, few, X_WO, trajectory, ends, (frames[0][rows] + moves, frames[1]))
-    q, p = found.q[-1], found.p[-1]
-    d = deviation(Pose(q, p), Pose(q[:number].repeat(3, 1), p[:number].repeat(3, 1)))
-    start = math.hypot(_ASIDE[0], _ASIDE[1], radius * _ASIDE[2])
-    far = torch.hypot(d[number:, 3:5].norm(dim=1), radius * d[number:, 2]) / start
-    return float(far.reshape(2, number).amax(0).median())
+    found = rollout_worlds(scene, few, X_WO, trajectory_of(motion), t[[0, -1]], (frames, X_WO.p))
+    end = Pose(found.q[-1], found.p[-1])
+    # An object that goes with the pusher ends as far aside as that.
+    same = moved_pose(Pose(end.q[:number].repeat(len(moves), 1), end.p[:number].repeat(len(moves), 1)), frames, X_WO.p)
+    d = deviation(end, same)
+    far = torch.hypot(d[:, 3:5].norm(dim=1), radius * d[:, 2]).reshape(len(moves), number)
+    start = torch.tensor([place, radius * turn, place, radius * turn], dtype=torch.float64)
+    return float((far[1:] / start[:, None]).amax(0).median())

@@ -21,6 +21,7 @@ from pinwm_drake.identification.unknowns import Coordinates
 from pinwm_drake.rendering.surfels import Surfels
 from pinwm_drake.scene import resting_height
 from pinwm_drake.twin.drift import FINE_DRIFTS
+from pinwm_drake.twin.origin import registration_entry
 from pinwm_drake.twin.twin import TWIN_FILE, Twin, assemble_twin
 
 
@@ -70,7 +71,7 @@ def prior_twin(capture: Capture, options: IdentifyOptions | None = None) -> Twin
         (0.0, 0.0),
         theta,
         nuisance,
-        {},
+        registration_entry(X_WO, X_WO),
         lift=float(X_WO.p[2]) - resting_height(scene, X_WO.q),
         time_step=scene.model.time_step,
         draws=kept_draws(coordinates, posterior, scene, mass),

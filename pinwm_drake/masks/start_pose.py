@@ -118,6 +118,7 @@ def find_start_pose(
     rivals = [X for k, X in enumerate(close) if k != first and shades[k] * _SURE <= shades[first]]
     level = best = refine(outlines, mesh, close[first])[0]
     if len(outlines.shots) > 1:
+        level = standing(mesh, level, floor)
         best, _ = refine(outlines, mesh, best, tilt=True, level=level)
         best = best if misfit(outlines, mesh, best) < misfit(outlines, mesh, level) else level
     several = len(outlines.shots) > 1
@@ -151,6 +152,19 @@ def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
             sums.append(share)
     order = np.argsort(-np.array(sums), kind="stable")
     return [ups[k] for k in order if sums[k] >= _LIKELY] or [ups[order[0]]]
+
+
+def standing(mesh: trimesh.Trimesh, X_WO: np.ndarray, floor: float) -> np.ndarray:
+    """Pose (4, 4) of a mesh on a table that is nearest to one: on the resting face that is nearest to looking down."""
+    up = max(resting_faces(mesh), key=lambda one: float(X_WO[2, :3] @ one))
+    X, middle = X_WO.copy(), mesh.bounds.mean(axis=0)
+    axis = np.cross(X[:3, :3] @ up, [0.0, 0.0, 1.0])
+    sine, cosine = float(np.linalg.norm(axis)), float(X[2, :3] @ up)
+    if sine > 0.0:
+        X[:3, :3] = Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix() @ X[:3, :3]
+    X[:3, 3] = X_WO[:3, :3] @ middle + X_WO[:3, 3] - X[:3, :3] @ middle
+    X[2, 3] = floor - (mesh.vertices @ X[2, :3]).min()
+    return X
 
 
 def misfit(outlines: Outlines, mesh: trimesh.Trimesh, X_WO: np.ndarray) -> float:

@@ -57,8 +57,15 @@ def test_pushes_that_amplify_a_start_aside_come_after_the_others(twin):
     for some in (False, True):
         informations = [one.information for one, is_so in zip(seen, amplified, strict=True) if is_so == some]
         assert informations == sorted(informations, reverse=True)
-    # A push through the middle takes the object along as far aside as it starts.
     assert min(one.amplification for one in seen) < 1.5
+
+
+def test_amplification_does_not_depend_on_where_the_object_is(twin):
+    """Half a degree about the world's origin would move the pusher by 9 mm there."""
+    draws, far = unsure(twin, 0.5), torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
+    here, X_WO = next_push(draws, number=8, draws=4).candidates, start_of(twin)
+    there = next_push(draws, number=8, draws=4, X_WO=dataclasses.replace(X_WO, p=X_WO.p + far)).candidates
+    assert [one.amplification for one in there] == pytest.approx([one.amplification for one in here], abs=1e-3)
 
 
 def test_no_push_goes_towards_the_camera(twin, proposal):

@@ -213,6 +213,29 @@ def test_what_does_not_stand_upright_is_no_prism(mesh):
     assert UPRIGHT not in found.metadata
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [
+        [[[-0.045, -0.03, 0.0], [0.045, 0.03, 0.045]], [[-0.01, -0.01, 0.04], [0.01, 0.01, 0.07]]],
+        [[[-0.04, -0.03, 0.0], [0.04, 0.03, 0.06]], [[-0.06, -0.05, 0.0], [0.06, 0.05, 0.006]]],
+    ],
+    ids=["a knob", "a flange"],
+)
+def test_what_sticks_out_of_a_prism_stays(parts):
+    true, found = on_the_table(boxes(*parts), VIEWS)
+    assert np.abs(found.bounds - true.bounds).max() < 6e-3
+
+
+def test_a_photo_that_looks_away_does_not_harm():
+    masks, views = drawn((block(), pose())), shots()
+    away = views[0].P * [[1], [1], [-1]]  # behind that camera
+    points = np.array([[x, y, z] for x in (-0.08, 0.08) for y in (-0.08, 0.08) for z in (0.0, 0.06)])
+    P = [shot.P for shot in views]
+    one = hull_meshes(masks, P, points, VOXEL, 0.0)[0]
+    other = hull_meshes([*masks, np.zeros_like(masks[0])], [*P, away], points, VOXEL, 0.0)[0]
+    assert abs(one.volume / other.volume - 1) < 0.02
+
+
 def test_a_bar_between_two_posts_stays():
     """It stands over nothing, and nothing is over it, as in a hollow that is filled: but the masks show it."""
     bench = boxes(

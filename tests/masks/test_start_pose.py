@@ -12,7 +12,7 @@ from pinwm_drake.errors import InputError
 from pinwm_drake.experiments.masking import read_shots
 from pinwm_drake.experiments.meshing import HULL_ERROR, read_depths, write_mesh_error
 from pinwm_drake.experiments.start import start_pose
-from pinwm_drake.masks.start_pose import Outlines, find_start_pose, resting_faces
+from pinwm_drake.masks.start_pose import Outlines, find_start_pose, resting_faces, standing
 from pinwm_drake.spatial.poses import pose_to_matrix
 from tests.geometry.test_hull import VIEWS, drawn, shots
 from tests.masks.scenes import block, cameras, pose, write_photos
@@ -44,6 +44,16 @@ def test_what_stands_on_a_table_does_not_lean_by_a_shadow():
     there[:3, 3] = X[:3, 3] * [1, 1, 0] + [0.05, 0.0, 0.001]
     found = find_start_pose(Outlines.of(shots(), drawn((mesh, X), (shadow, there))), mesh, 0.0)
     assert np.degrees(np.arccos(min(found.X_WO[2, 2], 1.0))) < 0.25
+
+
+def test_a_guess_that_leans_stands_on_the_table():
+    mesh, X = block(), pose()
+    leaning = X.copy()
+    leaning[:3, :3] = Rotation.from_rotvec([0.03, 0.02, 0.0]).as_matrix() @ X[:3, :3]
+    level = standing(mesh, leaning, 0.0)
+    assert level[2, 2] == pytest.approx(1.0, abs=1e-9)
+    assert (mesh.vertices @ level[2, :3] + level[2, 3]).min() == pytest.approx(0.0, abs=1e-9)
+    assert apart(level, X)[0] < 1.0
 
 
 def test_one_camera_gives_a_pose_with_a_larger_doubt():

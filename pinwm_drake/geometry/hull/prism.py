@@ -21,11 +21,13 @@ _LEVELS = 4  # fewest heights
 _TIGHT = 30  # percentile of the heights' sections, for the outline: hulls bulge half-way up between photos
 _BAND = 3.0  # voxels around an outline that count
 _PIXELS = 4.0  # by which outlines may waver; that or a voxel is the unit of what follows
+_BEYOND_IT, _CRUMB = 2.0, 3e-3  # units that a knob or flange sticks out; share of the voxels that may
 _FLAT = 1.5  # units, in which eight of ten heights of a top lie
 _ROUND = 0.35, 1.2  # units, rms and largest distance of a circle's outline
 _SIDES = 64  # of a circle
 _STRAIGHT, _LONG = 0.7, 6.0  # units: how far a straight side wavers, and how long it is
 _ENDS = 0.15  # of a side at each end, which the corner rounds off
+_BOW = 0.12  # units by which the middle of an arc leaves the chord of its middle three fifths
 _BEYOND = 3.0  # units of a corner from where the outline turns
 _CURVED = 1.5, 0.1  # units: smoothing of what is no straight side, and its polygon's distance
 
@@ -42,7 +44,8 @@ def upright(
         projections: (3, 4) each, of the photos of the masks.
     """
     voxel = grid.voxel
-    unit = max(voxel, _PIXELS * float(np.median([_pixel(P, grid) for P in projections])))
+    pixels = [size for P in projections if (size := _pixel(P, grid)) > 0.0]
+    unit = max(voxel, _PIXELS * float(np.median(pixels))) if pixels else voxel
     areas = (values > 0.0).sum(axis=(0, 1))
     foot = int(np.ceil((floor - grid.low[2]) / voxel + 1.0))
     filled = areas[foot:][areas[foot:] > 0]
@@ -63,14 +66,32 @@ def upright(
     heights = np.array([_height(column) for column in values[deep][:, foot:]]) * voxel + grid.low[2] + foot * voxel
     if np.ptp(np.percentile(heights, [10, 90])) > _FLAT * unit:
         return None
+    top = float(np.median(heights))
+    if _sticks_out(values, common, grid, foot, top, _BEYOND_IT * unit):
+        return None
     outlines = [_straightened(points, unit) for points in _contours(tight, grid)]
     made = manifold3d.CrossSection([o for o in outlines if len(o) > 2], manifold3d.FillRule.EvenOdd)
-    top = float(np.median(heights))
+    if made.area() <= 0.0:
+        return None
     return manifold3d.Manifold.extrude(made, top - floor).translate([0.0, 0.0, floor])
 
 
+def _sticks_out(values: np.ndarray, common: np.ndarray, grid: Grid, foot: int, top: float, most: float) -> bool:
+    """Flag: more than a crumb of a hull is over the top, or beside the common outline, by more than `most` [m]."""
+    z = grid.low[2] + grid.voxel * np.arange(grid.shape[2])
+    inside = values > 0.0
+    over = inside[:, :, z > top + most]
+    beside = inside[:, :, foot:] & (_outside(common) * grid.voxel > most)[:, :, None]
+    return bool(over.sum() + beside.sum() > _CRUMB * inside.sum())
+
+
+def _outside(common: np.ndarray) -> np.ndarray:
+    """Distances (nx, ny) of points from where a field is positive, in voxels."""
+    return np.asarray(ndimage.distance_transform_edt(common <= 0.0))
+
+
 def _pixel(P: np.ndarray, grid: Grid) -> float:
-    """Size of a pixel at the middle of a grid, m."""
+    """Size of a pixel at the middle of a grid, m; negative behind the camera."""
     middle = grid.low + 0.5 * grid.voxel * (np.array(grid.shape) - 1)
     focal = float(np.sqrt(abs(np.linalg.det(P[:, :3]))))  # px: P = K [R | t], and the last row of K is (0, 0, 1)
     return float(P[2, :3] @ middle + P[2, 3]) / focal
@@ -102,8 +123,7 @@ def _straightened(points: np.ndarray, unit: float) -> np.ndarray:
     turns = _turns(points, _STRAIGHT * unit)
     smooth = ndimage.gaussian_filter1d(points, _CURVED[0] * unit / _spacing(points), axis=0, mode="wrap")
     runs = [np.arange(a, b + 1) % len(points) for a, b in pairwise([*turns, turns[0] + len(points)])]
-    long = [float(np.linalg.norm(points[run[-1]] - points[run[0]])) > _LONG * unit for run in runs]
-    lines = [_line(points[run]) if is_long else None for run, is_long in zip(runs, long, strict=True)]
+    lines = [_line(points[run]) if _is_straight(points[run], unit) else None for run in runs]
     made: list[np.ndarray] = []
     for k, run in enumerate(runs):
         before, line, at = lines[k - 1], lines[k], points[run[0]]
@@ -145,6 +165,17 @@ def _few(points: np.ndarray, most: float) -> np.ndarray:
         return np.arange(len(points))
     kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=False)[:, 0] + points[0]
     return np.array(sorted({int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept}))
+
+
+def _is_straight(points: np.ndarray, unit: float) -> bool:
+    """Flag: an open line (n, 2) [m] is long and has no bow, as an arc has."""
+    chord = points[-1] - points[0]
+    length = float(np.linalg.norm(chord))
+    if length <= _LONG * unit or len(points) < 8:
+        return False
+    across = (points - points[0]) @ np.array([-chord[1], chord[0]]) / length
+    fifths = [float(part.mean()) for part in np.array_split(across, 5)]
+    return abs(fifths[2] - 0.5 * (fifths[1] + fifths[3])) < _BOW * unit and abs(fifths[2]) < _STRAIGHT * unit
 
 
 def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

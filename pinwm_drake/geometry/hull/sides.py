@@ -64,7 +64,10 @@ def _needed(
     shown = np.zeros(len(gone), int)
     for picture, P in zip(distances, projections, strict=True):
         at, depth = _pixels(there, P)
-        size = int(np.ceil(grid.voxel * np.sqrt(abs(np.linalg.det(P[:, :3]))) / np.median(depth)))  # px, of a voxel
+        if not (depth > 0).any():
+            continue  # it looks away
+        # px, of a voxel
+        size = int(np.ceil(grid.voxel * np.sqrt(abs(np.linalg.det(P[:, :3]))) / np.median(depth[depth > 0])))
         seen = np.zeros(picture.shape, np.uint8)
         fits = ((at >= 0) & (at < picture.shape[::-1])).all(axis=1) & (depth > 0)
         seen[at[fits, 1], at[fits, 0]] = 1

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 _NO_ROWS = np.empty(0, np.float32)  # columns and rows are in one array
 _CHUNK = 30_000  # points that OpenCV samples at once; its arrays have 32,767 rows at most
+_FAR = 1.0  # m, the largest distance from a surface
 _UNSEEN = 50.0  # px: what lies beyond a photo is no business of its mask
 
 
@@ -113,8 +114,9 @@ def hull_depths(
     layers = np.empty((len(distances), len(points)), np.float32)
     for k, (picture, P) in enumerate(zip(distances, projections, strict=True)):
         value, depth = sampled(picture, P, points, _UNSEEN)
-        layers[k] = value * depth / np.linalg.norm(P[0, :3] - P[2, :3] * (P[0, :3] @ P[2, :3]))
+        focal = np.linalg.norm(P[0, :3] - P[2, :3] * (P[0, :3] @ P[2, :3]))
+        layers[k] = np.where(depth > 0, value * depth / focal, np.inf)  # what is behind a camera it says nothing of
     if len(layers) == 1:
-        return layers[0]
+        return np.minimum(layers[0], np.float32(_FAR))
     least, second = np.partition(layers, 1, axis=0)[:2]
-    return np.maximum(least, second - np.float32(most))
+    return np.minimum(np.maximum(least, second - np.float32(most)), np.float32(_FAR))
