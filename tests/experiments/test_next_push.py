@@ -19,6 +19,7 @@ from tests.capture.pushed_cube import write_pushed_cube
 from tests.twin.samples import cube_twin
 
 NUMBER = 6
+STEADY = 3.0  # amplification of a start aside, above which a push comes last
 
 
 def unsure(twin, spread, number=16):
@@ -42,7 +43,8 @@ def proposal(twin):
 def test_the_push_that_tells_most_comes_first(proposal):
     informations = [one.information for one in proposal.candidates]
     assert len(informations) == NUMBER
-    assert informations == sorted(informations, reverse=True)
+    steady = [one.information for one in proposal.candidates if one.amplification <= STEADY]
+    assert informations == sorted(steady, reverse=True) + sorted(set(informations) - set(steady), reverse=True)
     assert informations[0] > 0.5
     # Friction is seen where the object coasts: more, the faster it is.
     speeds = np.array([one.motion.speed for one in proposal.candidates])
@@ -51,20 +53,20 @@ def test_the_push_that_tells_most_comes_first(proposal):
 
 def test_pushes_that_amplify_a_start_aside_come_after_the_others(twin):
     seen = next_push(unsure(twin, 0.5), number=48, draws=4).candidates
-    amplified = [one.amplification > 3.0 for one in seen]
+    amplified = [one.amplification > STEADY for one in seen]
     assert any(amplified)
     assert amplified == sorted(amplified)
     for some in (False, True):
         informations = [one.information for one, is_so in zip(seen, amplified, strict=True) if is_so == some]
         assert informations == sorted(informations, reverse=True)
-    assert min(one.amplification for one in seen) < 1.5
+    assert min(one.amplification for one in seen) < 2.0
 
 
 def test_amplification_does_not_depend_on_where_the_object_is(twin):
     """Half a degree about the world's origin would move the pusher by 9 mm there."""
     draws, far = unsure(twin, 0.5), torch.tensor([1.0, 0.0, 0.0], dtype=torch.float64)
     here, X_WO = next_push(draws, number=8, draws=4).candidates, start_of(twin)
-    there = next_push(draws, number=8, draws=4, X_WO=dataclasses.replace(X_WO, p=X_WO.p + far)).candidates
+    there = next_push(draws, number=8, draws=4, X_WO=X_WO._replace(p=X_WO.p + far)).candidates
     assert [one.amplification for one in there] == pytest.approx([one.amplification for one in here], abs=1e-3)
 
 
@@ -184,7 +186,9 @@ def test_where_frame_and_centre_go_together_a_push_of_another_face_is_proposed(t
     assert abs(np.degrees(found.confusion.angle) - 90.0) < 10.0
     best = found.candidates[0]
     assert best.remaining["frame"] == min(
-        one.remaining["frame"] for one in found.candidates if one.information >= 0.5 * found.candidates[1].information
+        one.remaining["frame"]
+        for one in found.candidates
+        if one.amplification <= STEADY and one.information >= 0.5 * found.candidates[1].information
     )
     wide = {**twin.theta, "friction_pusher": dataclasses.replace(twin.theta["friction_pusher"], interval=(0.01, 9.0))}
     poke = next_push(dataclasses.replace(twin, draws=draws, theta=wide), motion="poke", number=2, draws=4)
