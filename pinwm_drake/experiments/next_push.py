@@ -108,6 +108,11 @@ class Proposal:
         return float(position), float(yaw)
 
     @property
+    def amplified(self) -> int:
+        """Number of pushes that come last, as they make a start aside too large."""
+        return sum(one.amplification > _STEADY for one in self.candidates)
+
+    @property
     def is_good_enough(self) -> bool:
         """Flag: the spread is within the tolerance, so that a further push would hardly change predictions."""
         return all(found <= allowed for found, allowed in zip(self.spread, self.tolerance, strict=True))

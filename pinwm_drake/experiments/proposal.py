@@ -74,6 +74,11 @@ def describe(twin: Twin, proposal: Proposal) -> list[str]:
             f"the pusher passes {1e3 * abs(aside):.0f} mm to the {side} of the centre of mass: "
             f"the object turns {way}, seen from above"
         )
+    if proposal.amplified:
+        lines.append(
+            f"{proposal.amplified} of {len(proposal.candidates)} pushes come last: a start that is off by a millimetre "
+            "decides their end"
+        )
     if proposal.deciding is not None:
         lines.append(f"whether it turns over depends on {proposal.deciding}, which this poke tells best")
     told = expectations(twin, best)

@@ -2,9 +2,8 @@
 """Rollouts of many worlds, forward and backward (numba)."""
 
 from pinwm_drake.jit import entry_point, kernel
-from pinwm_drake.physics.kernels.adjoint import step_adjoint
+from pinwm_drake.physics.kernels.adjoint import go_on, is_settled, remember, step_adjoint
 from pinwm_drake.physics.kernels.impact import presses_apart
-from pinwm_drake.physics.kernels.repeat import go_on, is_settled, remember
 from pinwm_drake.physics.kernels.states import (
     drive,
     load,
