@@ -81,6 +81,11 @@ class Candidate:
     X_WO: Pose
     amplification: float = 1.0
 
+    @property
+    def is_steady(self) -> bool:
+        """Flag: a start aside is not made so large that nobody predicts the end."""
+        return self.amplification <= _STEADY
+
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
@@ -110,7 +115,7 @@ class Proposal:
     @property
     def amplified(self) -> int:
         """Number of pushes that come last, as they make a start aside too large."""
-        return sum(one.amplification > _STEADY for one in self.candidates)
+        return sum(not one.is_steady for one in self.candidates)
 
     @property
     def is_good_enough(self) -> bool:
@@ -191,13 +196,13 @@ def next_push(
         report((k + 1) / number)
     if not candidates:
         raise SolverError("the physics found no solution for any push; identify the twin with a smaller time step")
-    candidates.sort(key=lambda one: (one.amplification > _STEADY, -one.information))
+    candidates.sort(key=lambda one: (not one.is_steady, -one.information))
     unknown = "frame" if confused is not None else deciding_friction(twin) if motion == "poke" else None
     if unknown is not None and unknown not in candidates[0].remaining:
         unknown = None  # all draws have the same value
     if unknown is not None:
         first = candidates[0]
-        alike = [one for one in candidates if (one.amplification > _STEADY) == (first.amplification > _STEADY)]
+        alike = [one for one in candidates if one.is_steady == first.is_steady]
         enough = [one for one in alike if one.information >= _MUCH * first.information]
         best = min(enough, key=lambda one: one.remaining[unknown])
         candidates.sort(key=lambda one: one is not best)

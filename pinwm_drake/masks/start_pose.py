@@ -93,8 +93,8 @@ def find_start_pose(
         return None
     middle, few = mesh.bounds.mean(axis=0), outlines.some(_FEW)
     place = seen_at(outlines, floor + 0.5 * float(mesh.extents.min()))
-    starts = [] if guess is None else [guess]
-    for up in resting_faces(mesh):
+    starts, faces = [] if guess is None else [guess], resting_faces(mesh)
+    for up in faces:
         R_up = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])[0].as_matrix()
         for yaw in 2 * np.pi * np.arange(_YAWS) / _YAWS:
             X = np.eye(4)
@@ -116,13 +116,12 @@ def find_start_pose(
     shades = [unexplained(outlines.shots, mesh, X) for X in close] if len(close) > 1 else [1.0]
     first = int(np.argmin(shades)) if min(shades) < _SURE * shades[0] else 0
     rivals = [X for k, X in enumerate(close) if k != first and shades[k] * _SURE <= shades[first]]
-    level = best = refine(outlines, mesh, close[first])[0]
+    best, level = refine(outlines, mesh, close[first])[0], None
     if len(outlines.shots) > 1:
-        level = standing(mesh, level, floor)
-        best, _ = refine(outlines, mesh, best, tilt=True, level=level)
-        best = best if misfit(outlines, mesh, best) < misfit(outlines, mesh, level) else level
-    several = len(outlines.shots) > 1
-    _, covariance = refine(outlines, mesh, best, tilt=several, level=level if several else None, steps=1)
+        level = standing(mesh, best, floor, faces)
+        leaning, _ = refine(outlines, mesh, best, tilt=True, level=level)
+        best = leaning if misfit(outlines, mesh, leaning) < misfit(outlines, mesh, level) else level
+    _, covariance = refine(outlines, mesh, best, tilt=level is not None, level=level, steps=1)
     place_sd, turn_sd = deviations(covariance)
     return StartPose(best, misfit(outlines, mesh, best), place_sd, turn_sd, rivals)
 
@@ -154,9 +153,16 @@ def resting_faces(mesh: trimesh.Trimesh) -> list[np.ndarray]:
     return [ups[k] for k in order if sums[k] >= _LIKELY] or [ups[order[0]]]
 
 
-def standing(mesh: trimesh.Trimesh, X_WO: np.ndarray, floor: float) -> np.ndarray:
-    """Pose (4, 4) of a mesh on a table that is nearest to one: on the resting face that is nearest to looking down."""
-    up = max(resting_faces(mesh), key=lambda one: float(X_WO[2, :3] @ one))
+def standing(mesh: trimesh.Trimesh, X_WO: np.ndarray, floor: float, faces: Sequence[np.ndarray]) -> np.ndarray:
+    """Pose (4, 4) of a mesh that stands on a table, by the least turn from another pose.
+
+    Args:
+        mesh: m, frame O.
+        X_WO: (4, 4) m, the other pose.
+        floor: Height of the table, m, world.
+        faces: Directions (3,), frame O, that may point upwards; see `resting_faces`.
+    """
+    up = max(faces, key=lambda one: float(X_WO[2, :3] @ one))
     X, middle = X_WO.copy(), mesh.bounds.mean(axis=0)
     axis = np.cross(X[:3, :3] @ up, [0.0, 0.0, 1.0])
     sine, cosine = float(np.linalg.norm(axis)), float(X[2, :3] @ up)
@@ -220,7 +226,7 @@ def refine(
         variance = _CORRELATED * float(np.mean(np.minimum(r**2, _SOFT**2)))
         if level is not None:
             precision = variance * np.array([0.0, 0.0, _LIFT**-2, _LEAN**-2, _LEAN**-2, 0.0])[free]
-            A, slope = A + np.diag(precision), slope + precision * _apart(X_WO, level, middle)[free]
+            A, slope = A + np.diag(precision), slope + precision * _move(X_WO, level, middle)[free]
         A += damping * np.diag(np.diag(A)) + 1e-9 * np.eye(len(free))
         covariance = np.linalg.inv(A) * variance
         d = np.zeros(6)
@@ -239,8 +245,8 @@ def moved(X_WO: np.ndarray, d: np.ndarray, middle: np.ndarray) -> np.ndarray:
     return Y
 
 
-def _apart(X_WO: np.ndarray, other: np.ndarray, middle: np.ndarray) -> np.ndarray:
-    """Move (6,) that makes one pose (4, 4) of another; as `moved` has it."""
+def _move(X_WO: np.ndarray, other: np.ndarray, middle: np.ndarray) -> np.ndarray:
+    """Place [m] and rotation vector (6,) that lead from the other pose (4, 4) to X_WO; see `moved`."""
     turn = Rotation.from_matrix(X_WO[:3, :3] @ other[:3, :3].T).as_rotvec()
     return np.concatenate([(X_WO - other)[:3, :3] @ middle + (X_WO - other)[:3, 3], turn])
 

@@ -48,6 +48,14 @@ def test_it_says_which_side_is_pushed_where_to_and_what_it_tells(twin):
     ]
 
 
+def test_it_says_how_many_pushes_a_millimetre_decides(twin):
+    one = proposal().candidates[0]
+    last = dataclasses.replace(one, amplification=4.0)
+    words = describe(twin, dataclasses.replace(proposal(), candidates=[one, one, last]))
+    assert "1 of 3 pushes come last: a start that is off by a millimetre decides their end" in words
+    assert not any("come last" in line for line in describe(twin, proposal()))
+
+
 def test_other_pushes_have_other_words(twin):
     words = "; ".join(describe(twin, proposal(y=-0.01, remaining=0.95, tolerance=0.01)))
     assert "would hardly change what the twin predicts" in words

@@ -9,6 +9,7 @@ from pinwm_drake.capture.scene import load_capture
 from pinwm_drake.errors import InputError
 from pinwm_drake.identification.options import IdentifyOptions
 from pinwm_drake.identification.prior import capture_without_pushes, prior_twin
+from pinwm_drake.twin.frame import pivot_of
 from tests.capture.pushed_cube import write_pushed_cube
 
 
@@ -29,6 +30,14 @@ def test_the_draws_are_those_of_the_priors(folder):
     assert not any(one.identifiable for one in twin.theta.values())
     assert twin.theta["mass"].value == pytest.approx(0.2)
     assert twin.theta["friction_floor"].interval[1] > 0.8
+
+
+def test_its_log_turns_about_the_object_and_not_about_the_origin(folder):
+    capture = load_capture(folder)
+    X_WO = capture.object.X_WO
+    away = X_WO._replace(p=X_WO.p + X_WO.p.new_tensor([0.5, 0.2, 0.0]))
+    twin = prior_twin(dataclasses.replace(capture, object=dataclasses.replace(capture.object, X_WO=away)))
+    assert pivot_of(twin).tolist() == away.p.tolist()
 
 
 def test_a_mesh_that_is_off_widens_the_contact(folder):

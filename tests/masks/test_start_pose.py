@@ -50,7 +50,7 @@ def test_a_guess_that_leans_stands_on_the_table():
     mesh, X = block(), pose()
     leaning = X.copy()
     leaning[:3, :3] = Rotation.from_rotvec([0.03, 0.02, 0.0]).as_matrix() @ X[:3, :3]
-    level = standing(mesh, leaning, 0.0)
+    level = standing(mesh, leaning, 0.0, resting_faces(mesh))
     assert level[2, 2] == pytest.approx(1.0, abs=1e-9)
     assert (mesh.vertices @ level[2, :3] + level[2, 3]).min() == pytest.approx(0.0, abs=1e-9)
     assert apart(level, X)[0] < 1.0

@@ -13,7 +13,7 @@ import manifold3d
 import numpy as np
 from scipy import ndimage
 
-from pinwm_drake.geometry.hull.visual import Grid
+from pinwm_drake.geometry.hull.visual import Grid, focal_length
 
 _ALIKE, _ENDS_ALIKE = 0.95, 0.8  # least overlap of a height's section with the common outline; near foot and top
 _NEAR = 0.15  # of the height, where outlines that waver round off the edges of foot and top
@@ -21,7 +21,7 @@ _LEVELS = 4  # fewest heights
 _TIGHT = 30  # percentile of the heights' sections, for the outline: hulls bulge half-way up between photos
 _BAND = 3.0  # voxels around an outline that count
 _PIXELS = 4.0  # by which outlines may waver; that or a voxel is the unit of what follows
-_BEYOND_IT, _CRUMB = 2.0, 3e-3  # units that a knob or flange sticks out; share of the voxels that may
+_KNOB, _CRUMB = 2.0, 3e-3  # units that a knob or flange sticks out; share of the voxels that may
 _FLAT = 1.5  # units, in which eight of ten heights of a top lie
 _ROUND = 0.35, 1.2  # units, rms and largest distance of a circle's outline
 _SIDES = 64  # of a circle
@@ -47,7 +47,7 @@ def upright(
     pixels = [size for P in projections if (size := _pixel(P, grid)) > 0.0]
     unit = max(voxel, _PIXELS * float(np.median(pixels))) if pixels else voxel
     areas = (values > 0.0).sum(axis=(0, 1))
-    foot = int(np.ceil((floor - grid.low[2]) / voxel + 1.0))
+    foot = grid.level_above(floor)
     filled = areas[foot:][areas[foot:] > 0]
     if not len(filled):
         return None
@@ -67,7 +67,7 @@ def upright(
     if np.ptp(np.percentile(heights, [10, 90])) > _FLAT * unit:
         return None
     top = float(np.median(heights))
-    if _sticks_out(values, common, grid, foot, top, _BEYOND_IT * unit):
+    if _sticks_out(values, common, grid, foot, top, _KNOB * unit):
         return None
     outlines = [_straightened(points, unit) for points in _contours(tight, grid)]
     made = manifold3d.CrossSection([o for o in outlines if len(o) > 2], manifold3d.FillRule.EvenOdd)
@@ -81,20 +81,15 @@ def _sticks_out(values: np.ndarray, common: np.ndarray, grid: Grid, foot: int, t
     z = grid.low[2] + grid.voxel * np.arange(grid.shape[2])
     inside = values > 0.0
     over = inside[:, :, z > top + most]
-    beside = inside[:, :, foot:] & (_outside(common) * grid.voxel > most)[:, :, None]
+    away = ndimage.distance_transform_edt(common <= 0.0) * grid.voxel
+    beside = inside[:, :, foot:] & (away > most)[:, :, None]
     return bool(over.sum() + beside.sum() > _CRUMB * inside.sum())
-
-
-def _outside(common: np.ndarray) -> np.ndarray:
-    """Distances (nx, ny) of points from where a field is positive, in voxels."""
-    return np.asarray(ndimage.distance_transform_edt(common <= 0.0))
 
 
 def _pixel(P: np.ndarray, grid: Grid) -> float:
     """Size of a pixel at the middle of a grid, m; negative behind the camera."""
     middle = grid.low + 0.5 * grid.voxel * (np.array(grid.shape) - 1)
-    focal = float(np.sqrt(abs(np.linalg.det(P[:, :3]))))  # px: P = K [R | t], and the last row of K is (0, 0, 1)
-    return float(P[2, :3] @ middle + P[2, 3]) / focal
+    return float(P[2, :3] @ middle + P[2, 3]) / focal_length(P)
 
 
 def _height(column: np.ndarray) -> float:
@@ -120,7 +115,7 @@ def _straightened(points: np.ndarray, unit: float) -> np.ndarray:
     if np.sqrt((off**2).mean()) < _ROUND[0] * unit and np.abs(off).max() < _ROUND[1] * unit:
         angle = 2 * np.pi * np.arange(_SIDES) / _SIDES
         return np.asarray(center + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
-    turns = _turns(points, _STRAIGHT * unit)
+    turns = _needed(points, _STRAIGHT * unit, closed=True)
     smooth = ndimage.gaussian_filter1d(points, _CURVED[0] * unit / _spacing(points), axis=0, mode="wrap")
     runs = [np.arange(a, b + 1) % len(points) for a, b in pairwise([*turns, turns[0] + len(points)])]
     lines = [_line(points[run]) if _is_straight(points[run], unit) else None for run in runs]
@@ -135,11 +130,12 @@ def _straightened(points: np.ndarray, unit: float) -> np.ndarray:
             made.append(known[0] + known[1] * float((at - known[0]) @ known[1]))
         if line is None:
             inner = smooth[run[1:-1]] if len(run) > 2 else np.empty((0, 2))
-            made += list(inner[_few(inner, _CURVED[1] * unit)])
+            made += list(inner[_needed(inner, _CURVED[1] * unit, closed=False)])
     return np.array(made)
 
 
 def _spacing(points: np.ndarray) -> float:
+    """Mean distance [m] between neighbours on a closed line (n, 2)."""
     return float(np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).mean())
 
 
@@ -152,19 +148,12 @@ def _circle(points: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
     return middle + np.array([x, y]), radius, np.linalg.norm(p - [x, y], axis=1) - radius
 
 
-def _turns(points: np.ndarray, most: float) -> list[int]:
-    """Numbers of the points, in their order, between which a closed line keeps to straight lines."""
-    kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=True)[:, 0] + points[0]
-    found = {int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept}
-    return sorted(found)
-
-
-def _few(points: np.ndarray, most: float) -> np.ndarray:
-    """Numbers of the points that an open line needs."""
+def _needed(points: np.ndarray, most: float, *, closed: bool) -> list[int]:
+    """Numbers, in their order, of the points (n, 2) [m] from whose polygon a line departs by `most` [m] at the most."""
     if len(points) < 3:
-        return np.arange(len(points))
-    kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=False)[:, 0] + points[0]
-    return np.array(sorted({int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept}))
+        return list(range(len(points)))
+    kept = cv2.approxPolyDP((points - points[0]).astype(np.float32)[:, None], most, closed=closed)[:, 0] + points[0]
+    return sorted({int(np.argmin(((points - one) ** 2).sum(axis=1))) for one in kept})
 
 
 def _is_straight(points: np.ndarray, unit: float) -> bool:

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from pinwm_drake.geometry.hull.visual import Grid
+from pinwm_drake.geometry.hull.visual import Grid, focal_length, projected
 
 _NEEDED = 2  # photos that show a point where nothing else is: one mask alone may be wrong
-_FOOT = 1.0  # voxels over the table: where the object's foot is looked at
 
 
 def cleared(
@@ -31,7 +30,7 @@ def cleared(
     """
     inside = values > 0.0
     levels = np.flatnonzero(inside.any(axis=(0, 1)))
-    foot = int(np.ceil((floor - grid.low[2]) / grid.voxel + _FOOT))
+    foot = grid.level_above(floor)
     if not len(levels) or levels[-1] <= foot:
         return values
     ends = values[:, :, foot], values[:, :, levels[-1]]
@@ -63,23 +62,24 @@ def _needed(
     there, gone = points[kept.ravel()], points[taken.ravel()]
     shown = np.zeros(len(gone), int)
     for picture, P in zip(distances, projections, strict=True):
-        at, depth = _pixels(there, P)
-        if not (depth > 0).any():
+        _, columns, rows, depth = _shown(there, P, picture.shape)
+        if not len(depth):
             continue  # it looks away
-        # px, of a voxel
-        size = int(np.ceil(grid.voxel * np.sqrt(abs(np.linalg.det(P[:, :3]))) / np.median(depth[depth > 0])))
+        size = int(np.ceil(grid.voxel * focal_length(P) / np.median(depth)))  # px, of a voxel
         seen = np.zeros(picture.shape, np.uint8)
-        fits = ((at >= 0) & (at < picture.shape[::-1])).all(axis=1) & (depth > 0)
-        seen[at[fits, 1], at[fits, 0]] = 1
+        seen[rows, columns] = 1
         bare = (picture > size) & (cv2.dilate(seen, np.ones((2 * size + 1,) * 2, np.uint8)) == 0)
-        at, depth = _pixels(gone, P)
-        fits = ((at >= 0) & (at < picture.shape[::-1])).all(axis=1) & (depth > 0)
-        shown[fits] += bare[at[fits, 1], at[fits, 0]]
+        at, columns, rows, _ = _shown(gone, P, picture.shape)
+        shown[at] += bare[rows, columns]
     return shown >= min(_NEEDED, len(distances))
 
 
-def _pixels(points: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (n, 2) int of points (n, 3) [m, world], column first, and their depths (n,) [m]."""
-    u, v, depth = P[:, :3] @ points.T + P[:, 3:]
-    safe = np.where(depth > 0, depth, np.inf)
-    return np.rint(np.stack([u / safe, v / safe], -1)).astype(int), depth
+def _shown(
+    points: np.ndarray, P: np.ndarray, shape: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers, columns, rows and depths [m] of the points (n, 3) [m, world] that a picture (H, W) shows."""
+    at, depth = projected(points, P)
+    pixels = np.rint(at).astype(int)
+    numbers = np.flatnonzero(((pixels >= 0) & (pixels < shape[::-1])).all(axis=1) & (depth > 0))
+    columns, rows = pixels[numbers].T
+    return numbers, columns, rows, depth[numbers]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from pinwm_drake.geometry.hull.visual import Grid
+from pinwm_drake.geometry.hull.visual import Grid, focal_length
 
 _INSIDE = (0.25, 1.75)  # px from an outline: where its rays are
 _SLACK = 1.0  # voxels around the hull that count as hull: outlines waver, and corners are lost
@@ -72,8 +72,7 @@ def _exits(values: np.ndarray, grid: Grid, picture: np.ndarray, P: np.ndarray) -
     within = within.reshape(points.shape[:2])
     met = np.flatnonzero(within.any(axis=1))
     last = len(share) - 1 - np.argmax(within[met, ::-1], axis=1)
-    focal = float(np.sqrt(abs(np.linalg.det(P[:, :3]))))  # px: P = K [R | t], and the last row of K is (0, 0, 1)
-    return points[met, last], float(np.median(near)) / focal
+    return points[met, last], float(np.median(near)) / focal_length(P)
 
 
 def _upward(number: int) -> np.ndarray:

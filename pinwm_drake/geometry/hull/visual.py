@@ -39,6 +39,27 @@ class Grid:
         axes = [self.low[k] + self.voxel * np.arange(self.shape[k]) for k in range(3)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3).astype(np.float32)
 
+    def level_above(self, height: float) -> int:
+        """Index along z of the first points that are a voxel or more over a height [m]."""
+        return int(np.ceil((height - self.low[2]) / self.voxel + 1.0))
+
+
+def focal_length(P: np.ndarray) -> float:
+    """Focal length [px] of a projection (3, 4) P = K [R | t], where the last row of K is (0, 0, 1)."""
+    return float(np.sqrt(abs(np.linalg.det(P[:, :3]))))
+
+
+def projected(points: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where a photo shows points: column and row (n, 2) [px], (0, 0) behind the camera, and depths (n,) [m].
+
+    Args:
+        points: (n, 3) float32 m, world.
+        P: (3, 4), projection.
+    """
+    uvz = points @ P[:, :3].T.astype(np.float32) + P[:, 3].astype(np.float32)
+    depth = uvz[:, 2]
+    return (uvz[:, :2] / np.where(depth > 0, depth, np.inf)[:, None]).astype(np.float32), depth
+
 
 def sampled(picture: np.ndarray, P: np.ndarray, points: np.ndarray, outside: float) -> tuple[np.ndarray, np.ndarray]:
     """Values (n,) of a picture (H, W) float32 where points are seen, and their depths (n,) [m].
@@ -49,9 +70,7 @@ def sampled(picture: np.ndarray, P: np.ndarray, points: np.ndarray, outside: flo
         points: (n, 3) m, world.
         outside: Value beyond the picture and behind the camera.
     """
-    uvz = points @ P[:, :3].T.astype(np.float32) + P[:, 3].astype(np.float32)
-    depth = uvz[:, 2]
-    at = (uvz[:, :2] / np.where(depth > 0, depth, np.inf)[:, None]).astype(np.float32)
+    at, depth = projected(points, P)
     values = [
         cv2.remap(picture, at[k : k + _CHUNK, None], _NO_ROWS, cv2.INTER_LINEAR, borderValue=outside)[:, 0]
         for k in range(0, len(at), _CHUNK)

@@ -229,9 +229,10 @@ def _backward_world(w, model, parameters, V_P, record_every, frames, saved, fram
                 status[w] = -t - 1
                 return
             settled = rest > 0 and is_settled(adjoint, nb, model.time_step)
+            first = t - n - rest if settled else t - n
             if has_pusher:
                 for i in range(6):
-                    for step in range(t - n, t - n - (1 + rest if settled else 1), -1):
+                    for step in range(first, t - n + 1):
                         V_P_bar[step, w, i] += adjoint.V[nb, i]
                     adjoint.V[nb, i] = 0.0
             if settled:
